@@ -1,0 +1,1 @@
+//! Gridworlds with absorbing cells.

@@ -1,0 +1,1 @@
+//! Batched ensembles of small networks.

@@ -1,0 +1,1 @@
+//! DDPG with an ensemble of critics.

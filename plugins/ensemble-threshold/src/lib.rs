@@ -1,0 +1,1 @@
+//! The paper's abort rule: the reset ensemble against Q_min.

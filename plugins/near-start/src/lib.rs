@@ -1,0 +1,1 @@
+//! A reset task for any environment: reset is being near a start.

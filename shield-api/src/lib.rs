@@ -1,0 +1,32 @@
+#![doc = include_str!("../README.md")]
+
+extern crate self as shield_api;
+
+pub mod abi;
+mod abort_rule;
+mod config;
+mod environment;
+mod error;
+pub mod export;
+mod learner;
+pub mod manifest;
+mod plugin;
+mod policy;
+mod reset_task;
+mod space;
+
+pub use abort_rule::{AbortRule, Needs, ObservedDecision, Reason, Rows, RuleContext, RuleVerdict, Verdict};
+pub use config::{Field, PluginConfig, ron_options};
+pub use environment::{Environment, EnvironmentSpec, StepOutcome};
+pub use error::{Error, ErrorKind, Position, Result, check_finite, check_length};
+pub use learner::{ActMode, Batch, Learner, LearnerInfo};
+pub use plugin::{Checkpoint, Host, LogLevel, Plugin, Setup};
+pub use policy::Policy;
+pub use reset_task::{ResetSignal, ResetTask};
+pub use space::{Space, Spaces};
+
+#[doc(hidden)]
+pub mod reexports {
+    pub use abi_stable;
+    pub use serde;
+}

@@ -1,0 +1,302 @@
+//! What an experiment says, field by field. Defaults cite their source.
+
+use indexmap::IndexMap;
+use ron::value::RawValue;
+use serde::{Deserialize, Serialize};
+
+/// A whole experiment: one environment, two agents, a shield, several seeds and variants.
+#[derive(Debug, Clone, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct Experiment {
+    /// Names the folder of the runs.
+    pub name: String,
+    /// Environment steps of a run, both phases together.
+    pub steps: u64,
+    /// One run per seed.
+    pub seeds: Vec<u64>,
+    /// Who acts, and when the world is reset.
+    #[serde(default)]
+    pub mode: Mode,
+    /// The world.
+    pub environment: PluginChoice,
+    /// The agent or policy that does the task.
+    pub forward: Forward,
+    /// The learner that undoes it. Needed by `Shielded` and `ResetOnly`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reset: Option<PluginChoice>,
+    /// What must not happen.
+    #[serde(default)]
+    pub shield: ShieldConfig,
+    /// Replaces the environment's own reset reward and reset set.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub reset_task: Option<PluginChoice>,
+    /// The transitions that both agents share, and what they learn from them.
+    #[serde(default)]
+    pub experience: ExperienceConfig,
+    /// Greedy episodes in a second instance of the environment, at fixed intervals.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub evaluation: Option<EvaluationConfig>,
+    /// What one hard reset costs; the summary's `hard_reset_cost` is the sum.
+    #[serde(default = "one")]
+    pub hard_reset_cost: f64,
+    /// Threads that one run may use. Results do not depend on it.
+    #[serde(default = "one_thread")]
+    pub threads: usize,
+    /// Named lists of overrides, `"name": [("path.to.field", value)]`. Without any, there is one variant, `default`.
+    #[serde(default, skip_serializing_if = "IndexMap::is_empty")]
+    pub variants: IndexMap<String, Vec<(String, Box<RawValue>)>>,
+}
+
+fn one() -> f64 {
+    1.0
+}
+
+fn one_thread() -> usize {
+    1
+}
+
+/// Who acts, and when the world is reset.
+#[derive(Debug, Clone, PartialEq, Eq, Default, Deserialize, Serialize)]
+pub enum Mode {
+    /// The paper's method: both agents alternate, the shield decides, hard resets after failed attempts only.
+    #[default]
+    Shielded,
+    /// The usual way: a counted hard reset after every forward episode; no reset agent, no shield.
+    StatusQuo,
+    /// Forward episodes without any reset.
+    ForwardOnly,
+    /// Only the reset agent acts and learns; every episode begins with a counted hard reset (the paper's "insert-only").
+    ResetOnly {
+        /// The named start of each episode; the environment's usual start if `None`.
+        #[serde(default)]
+        start: Option<String>,
+    },
+}
+
+/// A plugin and its configuration.
+#[derive(Debug, Clone, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct PluginChoice {
+    /// The plugin's id.
+    pub plugin: String,
+    /// A file to load it from, instead of the search path.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub path: Option<std::path::PathBuf>,
+    /// RON text that only the plugin understands.
+    #[serde(default = "empty_config")]
+    pub config: Box<RawValue>,
+}
+
+fn empty_config() -> Box<RawValue> {
+    RawValue::from_boxed_ron("()".into()).expect("() is RON")
+}
+
+/// Who does the task.
+#[derive(Debug, Clone, Deserialize, Serialize)]
+pub enum Forward {
+    /// An agent that learns.
+    Learner(PluginChoice),
+    /// A finished policy.
+    Policy(PluginChoice),
+}
+
+impl Forward {
+    /// The plugin behind it.
+    pub fn choice(&self) -> &PluginChoice {
+        match self {
+            Self::Learner(choice) | Self::Policy(choice) => choice,
+        }
+    }
+}
+
+/// The shield, and what follows its decisions.
+#[derive(Debug, Clone, Deserialize, Serialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ShieldConfig {
+    /// An action is executed only if every rule allows it.
+    pub rules: Vec<PluginChoice>,
+    /// N of the paper: failed reset episodes in a row before a hard reset. Paper, appendix C: 1.
+    pub reset_attempts: ResetAttempts,
+    /// Which states of a reset episode count for its success.
+    pub reset_test: ResetTest,
+    /// What lies between two attempts.
+    pub between_attempts: BetweenAttempts,
+    /// A reset episode ends as soon as the reset set is reached.
+    pub stop_on_reset: bool,
+    /// Steps at the beginning during which nothing is aborted: untrained values would abort everything for ever.
+    pub warm_up_steps: u64,
+    /// The rules judge the reset agent's exploratory actions too; a rejected one is replaced by its greedy action.
+    pub shield_exploration: bool,
+    /// What a caller's buffer holds after an abort where the reset agent's action is not usable. `None`: the action of the space
+    /// that is nearest to zero.
+    pub fallback_action: Option<Vec<f32>>,
+}
+
+impl Default for ShieldConfig {
+    fn default() -> Self {
+        Self {
+            rules: Vec::new(),
+            reset_attempts: ResetAttempts::After(1),
+            reset_test: ResetTest::default(),
+            between_attempts: BetweenAttempts::default(),
+            stop_on_reset: true,
+            warm_up_steps: 1_000,
+            shield_exploration: false,
+            fallback_action: None,
+        }
+    }
+}
+
+/// N, the number of failed reset episodes in a row after which a hard reset follows.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(untagged)]
+pub enum ResetAttempts {
+    /// A hard reset after that many failures.
+    After(u32),
+    /// `Unlimited`: never a hard reset.
+    Never(Unlimited),
+}
+
+/// The word `Unlimited`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
+pub enum Unlimited {
+    /// No limit.
+    Unlimited,
+}
+
+/// When a reset episode has succeeded.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
+pub enum ResetTest {
+    /// Some state that it visited is in the reset set (§4.2).
+    #[default]
+    AnyVisited,
+    /// Its final state is in the reset set (Algorithm 1).
+    FinalState,
+}
+
+/// What lies between two attempts to reset.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
+pub enum BetweenAttempts {
+    /// A forward episode (Algorithm 1).
+    #[default]
+    Forward,
+    /// Nothing: the reset agent tries again at once.
+    Reset,
+}
+
+/// The experience and what is learned from it.
+#[derive(Debug, Clone, Deserialize, Serialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct ExperienceConfig {
+    /// How many transitions are kept; the oldest are overwritten.
+    pub capacity: usize,
+    /// Transitions per update. Lillicrap et al. 2015: 64.
+    pub batch: usize,
+    /// Updates after each environment step, of each agent that learns.
+    pub updates_per_step: usize,
+    /// Who learns after a step.
+    pub updates: Updates,
+    /// Probability that an ensemble member learns from a transition (Osband et al. 2016); 1 gives every member everything.
+    pub bootstrap_probability: f64,
+    /// Whether reaching the reset set ends the reset agent's task.
+    pub on_reset_success: OnResetSuccess,
+    /// Whether a failed reset episode ends it.
+    pub on_reset_failure: OnResetFailure,
+}
+
+impl Default for ExperienceConfig {
+    fn default() -> Self {
+        Self {
+            capacity: 1_000_000,
+            batch: 64,
+            updates_per_step: 1,
+            updates: Updates::default(),
+            bootstrap_probability: 1.0,
+            on_reset_success: OnResetSuccess::default(),
+            on_reset_failure: OnResetFailure::default(),
+        }
+    }
+}
+
+impl ExperienceConfig {
+    /// The two endings of the reset agent's task.
+    pub fn endings(&self) -> Endings {
+        Endings { on_success: self.on_reset_success, on_failure: self.on_reset_failure }
+    }
+}
+
+/// How reset episodes end for the reset agent's values.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct Endings {
+    /// In the reset set.
+    pub on_success: OnResetSuccess,
+    /// At the end of a failed reset episode.
+    pub on_failure: OnResetFailure,
+}
+
+/// Who learns after a step.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
+pub enum Updates {
+    /// The agent in charge (Algorithm 1).
+    #[default]
+    Active,
+    /// Both agents, from the shared experience.
+    Both,
+}
+
+/// What the reset set means for the reset agent's values.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
+pub enum OnResetSuccess {
+    /// The task ends there: with a reset reward of 1 in the reset set and 0 elsewhere, the value is the probability to get there.
+    Terminal,
+    /// It goes on: values lie in [0, 1/(1 − γ)), as the paper's robots have it.
+    #[default]
+    Bootstrap,
+}
+
+/// What the last step of a failed reset episode means for the reset agent's values.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
+pub enum OnResetFailure {
+    /// The value beyond it is 0, so that irreversible states do not live on their own estimate.
+    Zero,
+    /// A time-out like any other.
+    #[default]
+    Bootstrap,
+}
+
+/// Evaluation at fixed intervals; its steps do not count.
+#[derive(Debug, Clone, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct EvaluationConfig {
+    /// Steps between two evaluations.
+    pub every: u64,
+    /// Episodes of one evaluation.
+    #[serde(default = "ten")]
+    pub episodes: u32,
+    /// Who is evaluated.
+    #[serde(default)]
+    pub agent: EvaluatedAgent,
+    /// The named start of each episode; the usual one if `None`.
+    #[serde(default)]
+    pub start: Option<String>,
+    /// Whether the shield stands between the agent and the world.
+    #[serde(default)]
+    pub shielded: bool,
+    /// An evaluation has succeeded if at least this share of its episodes did; three in a row solve the task.
+    #[serde(default = "one")]
+    pub solved_at: f64,
+}
+
+fn ten() -> u32 {
+    10
+}
+
+/// Who is evaluated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
+pub enum EvaluatedAgent {
+    /// The forward agent or policy.
+    #[default]
+    Forward,
+    /// The reset agent; returns are reset rewards, and success is reaching the reset set.
+    Reset,
+}
