@@ -193,9 +193,11 @@ impl Shield {
     }
 
     fn replace(&mut self, reset_agent: &mut dyn Learner, observation: &[f32], action: &mut [f32]) {
-        let acted = reset_agent.act(observation, ActMode::Greedy, &mut self.greedy_action);
-        let is_usable =
-            acted.and_then(|()| self.settings.spaces.action.check_action(&self.greedy_action)).is_ok();
+        let spaces = &self.settings.spaces;
+        let is_usable = check_finite("the observation", observation, spaces.observation_len())
+            .and_then(|()| reset_agent.act(observation, ActMode::Greedy, &mut self.greedy_action))
+            .and_then(|()| spaces.action.check_action(&self.greedy_action))
+            .is_ok();
         let safe = if is_usable { &self.greedy_action } else { &self.settings.fallback_action };
         // A caller's buffer of the wrong length gets what fits; its action was rejected for that length.
         let length = safe.len().min(action.len());
