@@ -155,6 +155,42 @@ pub trait Observer {
     }
 }
 
+/// Two observers that both take every report.
+#[derive(Debug)]
+pub struct Fanout<A, B>(pub A, pub B);
+
+impl<A: Observer, B: Observer> Observer for Fanout<A, B> {
+    fn on_step(&mut self, counters: &Counters) -> anyhow::Result<()> {
+        self.0.on_step(counters)?;
+        self.1.on_step(counters)
+    }
+
+    fn on_decision_time(&mut self, time: Duration) {
+        self.0.on_decision_time(time);
+        self.1.on_decision_time(time);
+    }
+
+    fn on_intervention(&mut self, intervention: &Intervention<'_>) -> anyhow::Result<()> {
+        self.0.on_intervention(intervention)?;
+        self.1.on_intervention(intervention)
+    }
+
+    fn on_episode(&mut self, episode: &EpisodeRecord, counters: &Counters) -> anyhow::Result<()> {
+        self.0.on_episode(episode, counters)?;
+        self.1.on_episode(episode, counters)
+    }
+
+    fn on_metric(&mut self, step: u64, name: &str, mean: f64) -> anyhow::Result<()> {
+        self.0.on_metric(step, name, mean)?;
+        self.1.on_metric(step, name, mean)
+    }
+
+    fn on_evaluation(&mut self, evaluation: &EvaluationRecord) -> anyhow::Result<()> {
+        self.0.on_evaluation(evaluation)?;
+        self.1.on_evaluation(evaluation)
+    }
+}
+
 /// Adds up the steps of an episode.
 #[derive(Debug, Clone, Copy, Default)]
 pub(crate) struct Tally {
