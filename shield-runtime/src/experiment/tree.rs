@@ -201,7 +201,7 @@ impl Scanner<'_> {
                 (false, Kind::Leaf)
             }
         };
-        (self.at > start).then(|| Node { span: start..self.at, named, kind })
+        (self.at > start).then_some(Node { span: start..self.at, named, kind })
     }
 
     fn string_ahead(&self) -> bool {
