@@ -50,19 +50,20 @@ impl Agent {
         if experience.len() < self.buffers.size() {
             return Ok(());
         }
-        plugin::attribute_metrics(self.role.name());
-        for _ in 0..updates {
-            let batch = experience.sample(self.role, &mut self.buffers, &mut self.sampler);
-            self.learner.update(&batch)?;
-        }
-        Ok(())
+        plugin::in_metric_scope(self.role.name(), || {
+            for _ in 0..updates {
+                let batch = experience.sample(self.role, &mut self.buffers, &mut self.sampler);
+                self.learner.update(&batch)?;
+            }
+            Ok(())
+        })
     }
 }
 
 /// Who does the task: an agent that learns, or a finished policy.
 pub enum ForwardAgent {
     /// Learns.
-    Learner(Agent),
+    Learner(Box<Agent>),
     /// Does not.
     Policy(Box<dyn Policy>),
 }

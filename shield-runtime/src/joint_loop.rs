@@ -390,7 +390,13 @@ impl<'a> JointLoop<'a> {
         }
         self.observer.on_episode(&episode, &self.counters)?;
         let (step, observer) = (self.counters.steps, &mut self.observer);
-        plugin::drain_metrics(|name, mean| observer.on_metric(step, name, mean))
+        let mut taken = Ok(());
+        plugin::drain_metrics(&mut |name, mean| {
+            if taken.is_ok() {
+                taken = observer.on_metric(step, name, mean);
+            }
+        });
+        taken
     }
 
     fn place_at(&mut self, start: Option<&str>) -> anyhow::Result<()> {

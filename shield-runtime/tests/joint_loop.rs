@@ -19,7 +19,7 @@ use shield_runtime::{
 
 /// Rejects actions that lead into the pit.
 fn no_pit() -> Vec<Box<dyn shield_api::AbortRule>> {
-    vec![Rule::new(|context| {
+    vec![Rule::judging(|context| {
         let falls = context.observation[0] >= (PIT - 1) as f32 && context.proposed[0] > 0.0;
         Ok(RuleVerdict::from_safe(!falls, context.observation[0]))
     })]
@@ -329,7 +329,7 @@ fn not_one_unapproved_action_reaches_the_world() {
         }))));
     let (book, coin) = (approved.clone(), Mutex::new(Pcg64::seed_from_u64(12)));
     scene.rules = vec![
-        Rule::new(move |context| {
+        Rule::judging(move |context| {
             let draw = coin.lock().unwrap().random_range(0..10);
             match draw {
                 0 => return Err(Error::failed("broken")),
@@ -341,7 +341,7 @@ fn not_one_unapproved_action_reaches_the_world() {
             book.lock().unwrap().insert(key);
             Ok(RuleVerdict::from_safe(true, 1.0))
         }),
-        Rule::new(|context| Ok(RuleVerdict::from_safe(context.proposed[0] < 0.9, 0.0))),
+        Rule::judging(|context| Ok(RuleVerdict::from_safe(context.proposed[0] < 0.9, 0.0))),
     ];
     let log = scene.line.log.clone();
     scene.settings.updates_per_step = 0;

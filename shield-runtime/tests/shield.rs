@@ -57,7 +57,7 @@ fn an_unusable_reset_action_gives_way_to_the_fallback() {
 
 #[test]
 fn what_is_not_finite_or_has_the_wrong_length_aborts() {
-    let rules = || vec![Rule::new(|_| Ok(RuleVerdict::from_safe(true, 1.0)))];
+    let rules = || vec![Rule::judging(|_| Ok(RuleVerdict::from_safe(true, 1.0)))];
     for bad in BAD {
         assert_eq!(
             cause(decide(rules(), reset_agent(&[1.0]), &mut [bad])),
@@ -94,14 +94,14 @@ fn what_is_not_finite_or_has_the_wrong_length_aborts() {
 
 #[test]
 fn a_rule_or_an_agent_that_fails_aborts() {
-    let failing = Rule::new(|_| Err(Error::failed("the rule has a headache")));
+    let failing = Rule::judging(|_| Err(Error::failed("the rule has a headache")));
     let mut agent = reset_agent(&[1.0]);
     let mut broken = shield(vec![failing], &agent, 0);
     let decision = broken.filter(&mut agent, &moment(&[0.0]), &mut [0.0]);
     assert_eq!(decision.abort().map(|abort| (abort.cause, abort.rule)), Some((Cause::RuleFailed, Some(0))));
     assert_eq!(broken.reason(), "the rule has a headache");
 
-    let not_a_number = Rule::new(|_| Ok(RuleVerdict { verdict: Verdict::Allow, score: f32::NAN }));
+    let not_a_number = Rule::judging(|_| Ok(RuleVerdict { verdict: Verdict::Allow, score: f32::NAN }));
     assert_eq!(cause(decide(vec![not_a_number], reset_agent(&[1.0]), &mut [0.0])), Some(Cause::RuleFailed));
 
     let silent = Scripted::acting(|_, _| -1.0).valuing(1, |_, _| Vec::new());

@@ -207,13 +207,8 @@ fn run_one(session: &Session<'_>, job: &Job<'_>) -> Result<Summary> {
     let progress = Progress::new(&session.display, name.clone(), experiment.steps);
 
     let mut observer = Fanout(recorder, progress);
-    let mut joint = JointLoop::new(
-        prepared.settings,
-        prepared.participants,
-        prepared.randomness,
-        &mut observer,
-        &STOP,
-    );
+    let mut joint =
+        JointLoop::new(prepared.settings, prepared.participants, prepared.randomness, &mut observer, &STOP);
     let ran = joint.run();
     let counters = *joint.counters();
     drop(joint);

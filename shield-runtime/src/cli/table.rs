@@ -15,11 +15,19 @@ const COLUMNS: [Column; 9] = [
     Column { heading: "of them forward, %", figure: |run| Some(forward_share(run) * 100.0), decimals: 0 },
     Column { heading: "early aborts", figure: |run| Some(run.early_aborts as f64), decimals: 0 },
     Column { heading: "hard resets", figure: |run| Some(run.hard_resets as f64), decimals: 0 },
-    Column { heading: "irreversible entries", figure: |run| Some(run.irreversible_entries as f64), decimals: 0 },
+    Column {
+        heading: "irreversible entries",
+        figure: |run| Some(run.irreversible_entries as f64),
+        decimals: 0,
+    },
     Column { heading: "final return", figure: |run| run.final_return, decimals: 2 },
     Column { heading: "best return", figure: |run| run.best_return, decimals: 2 },
     Column { heading: "success, %", figure: |run| run.success_rate.map(|rate| rate * 100.0), decimals: 0 },
-    Column { heading: "steps to solve", figure: |run| run.steps_to_solve.map(|steps| steps as f64), decimals: 0 },
+    Column {
+        heading: "steps to solve",
+        figure: |run| run.steps_to_solve.map(|steps| steps as f64),
+        decimals: 0,
+    },
 ];
 
 fn forward_share(run: &Summary) -> f64 {
@@ -52,7 +60,9 @@ pub fn results(variants: &[String], runs: &[Summary]) -> String {
     for column in table.column_iter_mut().skip(1) {
         column.set_cell_alignment(CellAlignment::Right);
     }
-    format!("{table}\nMedian over seeds (smallest to largest). Return and success: greedy, of the last evaluation.{notes}")
+    format!(
+        "{table}\nMedian over seeds (smallest to largest). Return and success: greedy, of the last evaluation.{notes}"
+    )
 }
 
 fn cell(column: &Column, runs: &[&Summary]) -> String {

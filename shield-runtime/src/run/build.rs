@@ -1,6 +1,6 @@
 //! From an experiment to a run that can start: every plugin loaded and configured, before anything is written.
 
-use rand::{Rng, SeedableRng};
+use rand::Rng;
 use rand_pcg::Pcg64;
 use shield_api::{Learner, Setup, Space, Spaces};
 
@@ -140,7 +140,8 @@ impl Builder<'_> {
                 let learner = self.learner("forward", choice, &setup)?;
                 let sampler = generator(self.seed, Stream::ForwardBatches);
                 let batch = self.experiment.experience.batch;
-                Ok(ForwardAgent::Learner(Agent::new(AgentRole::Forward, learner, batch, spaces, sampler)))
+                let agent = Agent::new(AgentRole::Forward, learner, batch, spaces, sampler);
+                Ok(ForwardAgent::Learner(Box::new(agent)))
             }
             Forward::Policy(choice) => {
                 let policy = self.registry.policy(&selection(choice), choice.config.get_ron(), &setup);
@@ -175,7 +176,8 @@ impl Builder<'_> {
             let rule = rule.map_err(|error| self.input_error(&format!("shield.rules[{index}]"), error))?;
             rules.push(Box::new(rule));
         }
-        let fallback_action = config.fallback_action.clone().unwrap_or_else(|| nearest_to_zero(&spaces.action));
+        let fallback_action =
+            config.fallback_action.clone().unwrap_or_else(|| nearest_to_zero(&spaces.action));
         let settings =
             ShieldSettings { spaces: spaces.clone(), warm_up_steps: config.warm_up_steps, fallback_action };
         Shield::new(rules, reset, settings).map_err(|error| self.refused("shield.fallback_action", &error))
@@ -192,9 +194,7 @@ impl Builder<'_> {
             self.check_start("evaluation.start", start, &world)?;
         }
         let shield = match reset {
-            Some(reset) if config.shielded => {
-                Some(self.shield(reset, spaces, Stream::EvaluationRules)?)
-            }
+            Some(reset) if config.shielded => Some(self.shield(reset, spaces, Stream::EvaluationRules)?),
             _ => None,
         };
         // Where only the reset agent exists, it is the one to be evaluated.
@@ -211,7 +211,8 @@ impl Builder<'_> {
         if known.iter().any(|name| name == start) {
             return Ok(());
         }
-        let known = if known.is_empty() { "it has none".into() } else { format!("it has {}", known.join(", ")) };
+        let known =
+            if known.is_empty() { "it has none".into() } else { format!("it has {}", known.join(", ")) };
         let message = format!("the environment has no start named {start:?}; {known}");
         Err(self.variant.error_at(path, None, message))
     }
@@ -224,9 +225,7 @@ impl Builder<'_> {
     /// What a plugin says, at the place in the user's file that it speaks of.
     fn input_error(&self, path: &str, error: PluginError) -> InputError {
         match error.config_fault() {
-            Some((message, position)) => {
-                self.variant.error_at(&format!("{path}.config"), position, message)
-            }
+            Some((message, position)) => self.variant.error_at(&format!("{path}.config"), position, message),
             None => self.variant.error_at(&format!("{path}.plugin"), None, error.to_string()),
         }
     }

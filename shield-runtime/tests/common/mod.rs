@@ -1,5 +1,5 @@
 //! A small world and scripted agents, so that each test can say what happens at every step.
-#![allow(dead_code, reason = "each test uses some of it")]
+#![allow(dead_code, clippy::unwrap_used, reason = "part of tests, each of which uses some of it")]
 
 use std::sync::{Arc, Mutex, atomic::AtomicBool};
 
@@ -161,7 +161,7 @@ pub struct Rule {
 }
 
 impl Rule {
-    pub fn new(
+    pub fn judging(
         judge: impl Fn(&RuleContext<'_>) -> Result<RuleVerdict> + Send + 'static,
     ) -> Box<dyn AbortRule> {
         Box::new(Self { needs: Needs { values: true, ..Needs::default() }, judge: Box::new(judge) })
@@ -169,7 +169,7 @@ impl Rule {
 
     /// Rejects what the smallest value puts below the threshold.
     pub fn below(threshold: f32) -> Box<dyn AbortRule> {
-        Self::new(move |context| {
+        Self::judging(move |context| {
             let value = context.values.iter().copied().fold(f32::INFINITY, f32::min);
             Ok(RuleVerdict::from_safe(value >= threshold, value))
         })
@@ -257,7 +257,7 @@ pub fn settings(steps: u64) -> LoopSettings {
 }
 
 pub fn forward_learner(learner: Scripted) -> Option<ForwardAgent> {
-    Some(ForwardAgent::Learner(agent(AgentRole::Forward, learner)))
+    Some(ForwardAgent::Learner(Box::new(agent(AgentRole::Forward, learner))))
 }
 
 fn agent(role: AgentRole, learner: Scripted) -> Agent {
