@@ -119,22 +119,17 @@ mod tests {
     use shield_api::Environment;
 
     use super::*;
-    use crate::suite::{make, pseudo_random_actions};
+    use crate::suite::{make, pseudo_random_actions, value_of_staying};
     use crate::task::Robot;
 
-    type Environment6 = Robot<CliffCart>;
+    type CartRobot = Robot<CliffCart>;
 
     /// A spring towards `target` with enough damping not to overshoot.
     fn controller(observation: &[f32], target: f32) -> f32 {
         (6.0 * (target - observation[0]) - 4.0 * observation[3]).clamp(-1.0, 1.0)
     }
 
-    fn drive(
-        cart: &mut Environment6,
-        observation: &mut [f32],
-        steps: usize,
-        target: f32,
-    ) -> Vec<StepOutcome> {
+    fn drive(cart: &mut CartRobot, observation: &mut [f32], steps: usize, target: f32) -> Vec<StepOutcome> {
         (0..steps)
             .map(|_| {
                 let action = controller(observation, target);
@@ -143,14 +138,14 @@ mod tests {
             .collect()
     }
 
-    fn push(cart: &mut Environment6, observation: &mut [f32], steps: usize, action: f32) -> StepOutcome {
+    fn push(cart: &mut CartRobot, observation: &mut [f32], steps: usize, action: f32) -> StepOutcome {
         (0..steps).map(|_| cart.step(&[action], observation).unwrap()).last().unwrap()
     }
 
     #[test]
     fn a_simple_controller_reaches_the_goal_and_returns_to_the_reset_set() {
         let mut observation = [0.0; 6];
-        let mut cart: Environment6 = make("()");
+        let mut cart: CartRobot = make("()");
         for seed in 0..5 {
             cart.reset(seed, &mut observation).unwrap();
             let there = drive(&mut cart, &mut observation, 50, GOAL as f32);
@@ -164,7 +159,7 @@ mod tests {
     #[test]
     fn full_speed_ahead_falls_and_nothing_brings_the_cart_back() {
         let mut observation = [0.0; 6];
-        let mut cart: Environment6 = make("()");
+        let mut cart: CartRobot = make("()");
         cart.reset(0, &mut observation).unwrap();
         let fallen = push(&mut cart, &mut observation, 50, 1.0);
         assert!(fallen.irreversible && !fallen.terminated && !fallen.in_reset_set);
@@ -179,7 +174,7 @@ mod tests {
     #[test]
     fn whoever_has_just_fallen_cannot_brake_back_onto_the_table() {
         let mut observation = [0.0; 6];
-        let mut cart: Environment6 = make("()");
+        let mut cart: CartRobot = make("()");
         let mut slow_falls = 0;
         for percent in 2..60 {
             cart.reset_to("goal", 0, &mut observation).unwrap();
@@ -200,7 +195,7 @@ mod tests {
     fn braking_at_the_last_moment_is_too_late() {
         // Momentum matters: from full speed at x = 0.8, where a slow cart is safe, full brakes do not hold.
         let mut observation = [0.0; 6];
-        let mut cart: Environment6 = make("(start_noise: 0.0)");
+        let mut cart: CartRobot = make("(start_noise: 0.0)");
         cart.reset(0, &mut observation).unwrap();
         while observation[0] < 0.75 {
             push(&mut cart, &mut observation, 1, 1.0);
@@ -216,7 +211,7 @@ mod tests {
     #[test]
     fn the_other_side_is_safe() {
         let mut observation = [0.0; 6];
-        let mut cart: Environment6 = make("()");
+        let mut cart: CartRobot = make("()");
         cart.reset(0, &mut observation).unwrap();
         assert!(!push(&mut cart, &mut observation, 200, -1.0).irreversible);
         let back = drive(&mut cart, &mut observation, 100, 0.0);
@@ -224,14 +219,25 @@ mod tests {
     }
 
     #[test]
+    fn the_reset_value_tells_the_reset_set_from_the_pit() {
+        let mut observation = [0.0; 6];
+        let mut cart: CartRobot = make("()");
+        cart.reset(0, &mut observation).unwrap();
+        let safe = value_of_staying(&mut cart);
+        push(&mut cart, &mut observation, 60, 1.0);
+        let lost = value_of_staying(&mut cart);
+        assert!(safe > 99.0 && lost == 0.0, "{safe} {lost}");
+    }
+
+    #[test]
     fn each_field_of_the_configuration_is_heeded() {
-        let cart: Environment6 = make("(horizon: 7)");
+        let cart: CartRobot = make("(horizon: 7)");
         assert_eq!(cart.spec().episode_length, 7);
         let mut observation = [0.0; 6];
-        let mut still: Environment6 = make("(start_noise: 0.0)");
+        let mut still: CartRobot = make("(start_noise: 0.0)");
         still.reset(3, &mut observation).unwrap();
         assert_eq!(observation, [0.0; 6]);
-        let mut noisy: Environment6 = make("(start_noise: 0.2)");
+        let mut noisy: CartRobot = make("(start_noise: 0.2)");
         let largest = (0..50).fold(0.0f32, |largest, seed| {
             noisy.reset(seed, &mut observation).unwrap();
             largest.max(observation[0].abs())

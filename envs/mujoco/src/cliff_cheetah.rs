@@ -109,10 +109,10 @@ mod tests {
     use shield_api::Environment;
 
     use super::*;
-    use crate::suite::{make, pseudo_random_actions};
+    use crate::suite::{make, pseudo_random_actions, value_of_staying};
     use crate::task::Robot;
 
-    type Environment18 = Robot<CliffCheetah>;
+    type CheetahRobot = Robot<CliffCheetah>;
 
     /// What Gymnasium's own model computes: MuJoCo 3.17.0, `half_cheetah.xml`, qpos[1] = 10, then 20 actions sin(0.7 k + i).
     const GYMNASIUM_FREE_FLIGHT: [f64; 18] = [
@@ -136,7 +136,7 @@ mod tests {
         4.122431602062,
     ];
 
-    fn place(cheetah: &mut Environment18, x: f64, z: f64, pitch: f64) {
+    fn place(cheetah: &mut CheetahRobot, x: f64, z: f64, pitch: f64) {
         cheetah.simulation_mut().reset(|positions, _| positions[..3].copy_from_slice(&[x, z, pitch]));
     }
 
@@ -167,7 +167,7 @@ mod tests {
 
     #[test]
     fn whoever_runs_off_the_cliff_stays_in_the_pit() {
-        let mut cheetah: Environment18 = make("()");
+        let mut cheetah: CheetahRobot = make("()");
         let mut observation = [0.0; 18];
         place(&mut cheetah, 15.0, -0.3, 0.0);
         let mut entered = 0;
@@ -183,7 +183,7 @@ mod tests {
 
     #[test]
     fn no_pose_on_the_cliff_counts_as_irreversible() {
-        let mut cheetah: Environment18 = make("()");
+        let mut cheetah: CheetahRobot = make("()");
         let mut observation = [0.0; 18];
         for pitch in [0.0, 1.5, 3.1, -1.5] {
             place(&mut cheetah, 5.0, 0.3, pitch);
@@ -196,7 +196,7 @@ mod tests {
 
     #[test]
     fn a_cheetah_on_its_back_at_the_origin_is_not_reset() {
-        let mut cheetah: Environment18 = make("()");
+        let mut cheetah: CheetahRobot = make("()");
         let mut observation = [0.0; 18];
         place(&mut cheetah, 0.0, 0.0, std::f64::consts::PI);
         for step in 0..60 {
@@ -207,7 +207,7 @@ mod tests {
 
     #[test]
     fn a_cheetah_that_stands_still_stays_in_the_reset_set() {
-        let mut cheetah: Environment18 = make("()");
+        let mut cheetah: CheetahRobot = make("()");
         let mut observation = [0.0; 18];
         for seed in 0..20 {
             cheetah.reset(seed, &mut observation).unwrap();
@@ -219,10 +219,20 @@ mod tests {
     }
 
     #[test]
+    fn the_reset_value_tells_the_reset_set_from_the_pit() {
+        let mut cheetah: CheetahRobot = make("()");
+        cheetah.reset(0, &mut [0.0; 18]).unwrap();
+        let safe = value_of_staying(&mut cheetah);
+        place(&mut cheetah, 15.0, -1.9, 0.0);
+        let lost = value_of_staying(&mut cheetah);
+        assert!(safe > 89.0 && lost == 0.0, "{safe} {lost}");
+    }
+
+    #[test]
     fn each_field_of_the_configuration_is_heeded() {
-        let cheetah: Environment18 = make("(horizon: 9)");
+        let cheetah: CheetahRobot = make("(horizon: 9)");
         assert_eq!(cheetah.spec().episode_length, 9);
-        let mut still: Environment18 = make("(start_noise: 0.0)");
+        let mut still: CheetahRobot = make("(start_noise: 0.0)");
         let mut observation = [1.0; 18];
         still.reset(3, &mut observation).unwrap();
         assert_eq!(observation, [0.0; 18]);

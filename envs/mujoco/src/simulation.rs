@@ -6,6 +6,9 @@ use shield_api::{Error, Result, Space, check_finite};
 /// Everything that the next step depends on, the solver's warm start included: with it, a simulation continues bit for bit.
 const FULL_STATE: u32 = MjtState::mjSTATE_INTEGRATION as u32;
 
+/// From here on MuJoCo itself calls a position or velocity bad (`mjMAXVAL`).
+const DIVERGED: f64 = 1e10;
+
 /// A MuJoCo model with its current state.
 pub struct Simulation {
     data: MjData<Box<MjModel>>,
@@ -68,7 +71,8 @@ impl Simulation {
             self.data.step();
         }
         let mut state = self.positions().iter().chain(self.velocities());
-        if state.all(|value| value.is_finite()) {
+        // NaN is not below the bound either.
+        if state.all(|value| value.abs() < DIVERGED) {
             Ok(())
         } else {
             Err(Error::failed("the simulation diverged; only a hard reset leads on"))

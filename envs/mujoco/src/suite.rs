@@ -24,6 +24,20 @@ pub fn pseudo_random_actions(dimensions: usize, count: usize) -> Vec<Vec<f32>> {
     (0..count).map(|_| (0..dimensions).map(|_| next()).collect()).collect()
 }
 
+/// The reset value of staying for ever where the robot is, doing nothing, with γ = 0.99.
+pub fn value_of_staying<T: Task>(robot: &mut Robot<T>) -> f32 {
+    let spaces = robot.spec().spaces;
+    let mut observation = vec![0.0; spaces.observation_len()];
+    let idle = vec![0.0; spaces.action_len()];
+    let mut weight = 1.0;
+    (0..1_000).fold(0.0, |value, _| {
+        let reward = robot.step(&idle, &mut observation).unwrap().reset_reward;
+        let value = value + weight * reward;
+        weight *= 0.99;
+        value
+    })
+}
+
 /// A robot with what surrounds a test of it.
 struct Bench<T> {
     robot: Robot<T>,
@@ -162,6 +176,20 @@ fn a_hard_reset_lies_in_the_reset_set<T: Task>() {
     }
 }
 
+fn a_diverged_simulation_is_an_error_until_the_next_reset<T: Task>() {
+    let mut bench = Bench::<T>::new();
+    let first = bench.run(0..10);
+    bench.robot.simulation_mut().reset(|_, velocities| velocities.fill(1e200));
+    let action = bench.actions[0].clone();
+    for _ in 0..3 {
+        assert_eq!(bench.step(&action).unwrap_err().kind(), ErrorKind::Failed);
+    }
+    bench.robot.reset(7, &mut bench.observation).unwrap();
+    assert_eq!(bench.run(0..10), first);
+    // MuJoCo reports it in the working folder as well; another robot's test may have removed that already.
+    std::fs::remove_file("MUJOCO_LOG.TXT").ok();
+}
+
 fn named_starts_exist_and_others_do_not<T: Task>() {
     let mut bench = Bench::<T>::new();
     for start in bench.robot.starts() {
@@ -219,6 +247,7 @@ macro_rules! suite {
                 a_bad_action_is_refused_and_nothing_changes,
                 an_action_out_of_range_acts_like_the_bound,
                 rewards_stay_in_the_unit_interval,
+                a_diverged_simulation_is_an_error_until_the_next_reset,
                 a_hard_reset_lies_in_the_reset_set,
                 named_starts_exist_and_others_do_not,
                 impossible_configurations_are_refused);
