@@ -98,7 +98,9 @@ impl Host {
         Self { table: None }
     }
 
-    pub(crate) fn from_table(table: Option<&'static abi::HostTable>) -> Self {
+    /// A host behind a binary table, for the runtime and the glue.
+    #[doc(hidden)]
+    pub fn from_table(table: Option<&'static abi::HostTable>) -> Self {
         Self { table }
     }
 

@@ -1,1 +1,82 @@
-//! Loading plugins.
+//! Loading plugins: reading what a file says of itself, finding an id among the folders, passing the doors of a library, and
+//! using its instances as if they were Rust types.
+//!
+//! - `manifest` reads manifests without executing anything.
+//! - [`Library`] loads one file and checks every table of it before the first call.
+//! - [`Registry`] scans folders, finds ids, and makes instances.
+//! - `ffi` holds the wrappers: they implement the traits of `shield_api` and let nothing through that is not a number.
+
+mod error;
+mod ffi;
+mod library;
+mod manifest;
+mod registry;
+mod search_path;
+
+pub use error::PluginError;
+pub use ffi::{
+    LoadedAbortRule, LoadedEnvironment, LoadedLearner, LoadedPolicy, LoadedResetTask, drain_metrics, host,
+    in_metric_scope,
+};
+pub use library::Library;
+pub use manifest::read_manifests;
+pub use registry::{Entry, Registry, Selection, Skipped};
+pub use search_path::SearchPath;
+
+use std::fmt;
+
+use shield_api::abi::kind;
+
+/// The five kinds of plugin.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Kind {
+    /// A world in which the agents act.
+    Environment,
+    /// An agent that learns.
+    Learner,
+    /// A finished policy.
+    Policy,
+    /// What forbids actions.
+    AbortRule,
+    /// What "undone" means.
+    ResetTask,
+}
+
+impl Kind {
+    /// Every kind.
+    pub const ALL: [Self; 5] =
+        [Self::Environment, Self::Learner, Self::Policy, Self::AbortRule, Self::ResetTask];
+
+    /// The name in a manifest, for example `abort-rule`.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Environment => "environment",
+            Self::Learner => "learner",
+            Self::Policy => "policy",
+            Self::AbortRule => "abort-rule",
+            Self::ResetTask => "reset-task",
+        }
+    }
+
+    /// The kind of that name in a manifest.
+    pub fn from_name(name: &str) -> Option<Self> {
+        Self::ALL.into_iter().find(|kind| kind.name() == name)
+    }
+
+    /// The number in a descriptor.
+    fn code(self) -> u32 {
+        match self {
+            Self::Environment => kind::ENVIRONMENT,
+            Self::Learner => kind::LEARNER,
+            Self::Policy => kind::POLICY,
+            Self::AbortRule => kind::ABORT_RULE,
+            Self::ResetTask => kind::RESET_TASK,
+        }
+    }
+}
+
+impl fmt::Display for Kind {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(self.name())
+    }
+}

@@ -1,0 +1,195 @@
+//! A loaded environment.
+
+use shield_api::{
+    Environment, EnvironmentSpec, ErrorKind, Result, Setup, Space, Spaces, StepOutcome,
+    abi::{
+        EXTENSION_STARTS, EnvironmentTable, Floats, SpaceView, SpecView, StartsTable, StepView, Text,
+        step_flag,
+    },
+};
+
+use super::handle::{Handle, checkpoint, described_wrongly, while_creating};
+use crate::plugin::{PluginError, library::function_table};
+
+/// No environment has more named starts; a plugin that never stops naming them is stopped here.
+const MOST_STARTS: usize = 10_000;
+const LONGEST_NAME: usize = 256;
+const KNOWN_FLAGS: u32 =
+    step_flag::IN_RESET_SET | step_flag::TERMINATED | step_flag::SUCCESS | step_flag::IRREVERSIBLE;
+
+/// An environment behind the binary interface.
+#[derive(Debug)]
+pub struct LoadedEnvironment {
+    handle: Handle,
+    table: &'static EnvironmentTable,
+    starts_table: Option<&'static StartsTable>,
+    starts: Vec<String>,
+    spec: EnvironmentSpec,
+}
+
+checkpoint!(LoadedEnvironment);
+
+impl LoadedEnvironment {
+    pub(in crate::plugin) fn create(
+        id: &str,
+        table: &'static EnvironmentTable,
+        config: &str,
+        setup: &Setup,
+    ) -> Result<Self, PluginError> {
+        let handle = Handle::create(id, &table.life, config, setup)?;
+        let spec = read_spec(id, &handle, table)?;
+        // SAFETY: the name lives for the call.
+        let extension = unsafe { (table.life.get_extension)(Text::new(EXTENSION_STARTS)) };
+        let starts_table = if extension.is_null() {
+            None
+        } else {
+            // SAFETY: under this name a plugin gives a `StartsTable`, a constant of its library.
+            let checked = unsafe { function_table::<StartsTable>(extension.cast()) };
+            Some(checked.map_err(|what| described_wrongly(id, what))?)
+        };
+        let starts = match starts_table {
+            Some(table) => read_starts(&handle, table).map_err(|error| while_creating(id, &error))?,
+            None => Vec::new(),
+        };
+        Ok(Self { handle, table, starts_table, starts, spec })
+    }
+
+    fn check_observation(&self, function: &str, observation: &[f32]) -> Result<()> {
+        self.handle.require_finite(function, "observation", observation)?;
+        let Space::Discrete { .. } = self.spec.spaces.observation else { return Ok(()) };
+        let ones = observation.iter().filter(|value| **value == 1.0).count();
+        let zeros = observation.iter().filter(|value| **value == 0.0).count();
+        if ones == 1 && ones + zeros == observation.len() {
+            Ok(())
+        } else {
+            Err(self.handle.broken(format!("`{function}` gave a discrete observation that is not one-hot")))
+        }
+    }
+}
+
+impl Environment for LoadedEnvironment {
+    fn spec(&self) -> EnvironmentSpec {
+        self.spec.clone()
+    }
+
+    fn reset(&mut self, seed: u64, observation: &mut [f32]) -> Result<()> {
+        self.handle.require_length("observation", observation, self.spec.spaces.observation_len())?;
+        observation.fill(f32::NAN);
+        // SAFETY: the instance is of this table; the buffer is as long as said.
+        self.handle.call(|instance| unsafe {
+            (self.table.reset)(instance, seed, observation.as_mut_ptr(), observation.len())
+        })?;
+        self.check_observation("reset", observation)
+    }
+
+    fn step(&mut self, action: &[f32], observation: &mut [f32]) -> Result<StepOutcome> {
+        self.handle.require_length("action", action, self.spec.spaces.action_len())?;
+        self.handle.require_length("observation", observation, self.spec.spaces.observation_len())?;
+        observation.fill(f32::NAN);
+        let mut view = StepView { forward_reward: f32::NAN, reset_reward: f32::NAN, flags: 0 };
+        // SAFETY: the instance is of this table; action and buffer are as long as said and live for the call.
+        self.handle.call(|instance| unsafe {
+            let (pointer, length) = (observation.as_mut_ptr(), observation.len());
+            (self.table.step)(instance, Floats::new(action), pointer, length, &mut view)
+        })?;
+        self.check_observation("step", observation)?;
+        self.handle.require_finite(
+            "step",
+            "[forward, reset] reward",
+            &[view.forward_reward, view.reset_reward],
+        )?;
+        if view.flags & !KNOWN_FLAGS != 0 {
+            return Err(self.handle.broken(format!("`step` gave the unknown flags {:#x}", view.flags)));
+        }
+        let is_set = |flag: u32| view.flags & flag != 0;
+        Ok(StepOutcome {
+            forward_reward: view.forward_reward,
+            reset_reward: view.reset_reward,
+            in_reset_set: is_set(step_flag::IN_RESET_SET),
+            terminated: is_set(step_flag::TERMINATED),
+            success: is_set(step_flag::SUCCESS),
+            irreversible: is_set(step_flag::IRREVERSIBLE),
+        })
+    }
+
+    fn starts(&self) -> Vec<String> {
+        self.starts.clone()
+    }
+
+    fn reset_to(&mut self, start: &str, seed: u64, observation: &mut [f32]) -> Result<()> {
+        let table = self.starts_table.filter(|_| self.starts.iter().any(|name| name == start));
+        let Some(table) = table else {
+            let known = if self.starts.is_empty() { "none".into() } else { self.starts.join(", ") };
+            let message = format!("has no start named {start:?}; its starts: {known}");
+            return Err(self.handle.error(ErrorKind::InvalidArgument, message));
+        };
+        self.handle.require_length("observation", observation, self.spec.spaces.observation_len())?;
+        observation.fill(f32::NAN);
+        // SAFETY: the instance is of this table; name and buffer live for the call and are as long as said.
+        self.handle.call(|instance| unsafe {
+            (table.reset_to)(instance, Text::new(start), seed, observation.as_mut_ptr(), observation.len())
+        })?;
+        self.check_observation("reset_to", observation)
+    }
+}
+
+fn read_spec(
+    id: &str,
+    handle: &Handle,
+    table: &'static EnvironmentTable,
+) -> Result<EnvironmentSpec, PluginError> {
+    let mut view = SpecView {
+        struct_size: size_of::<SpecView>(),
+        observation_space: SpaceView::none(),
+        action_space: SpaceView::none(),
+        episode_length: 0,
+        brings_reset_reward: 0,
+    };
+    handle
+        // SAFETY: the instance is of this table; the view lives for the call.
+        .call(|instance| unsafe { (table.spec)(instance, &mut view) })
+        .map_err(|error| while_creating(id, &error))?;
+    let read = |view: &SpaceView, what: &str| {
+        // SAFETY: the plugin's bounds are valid until its next call, which comes later.
+        let space = unsafe { view.read(what) }.map_err(|error| described_wrongly(id, error.message()))?;
+        space.ok_or_else(|| described_wrongly(id, format!("`spec` gives no {what} space")))
+    };
+    let spaces = Spaces {
+        observation: read(&view.observation_space, "observation")?,
+        action: read(&view.action_space, "action")?,
+    };
+    if view.episode_length == 0 {
+        return Err(described_wrongly(
+            id,
+            "`spec` gives an episode length of 0; an episode has at least one step",
+        ));
+    }
+    Ok(EnvironmentSpec {
+        spaces,
+        episode_length: view.episode_length as usize,
+        brings_reset_reward: view.brings_reset_reward != 0,
+    })
+}
+
+fn read_starts(handle: &Handle, table: &'static StartsTable) -> Result<Vec<String>> {
+    let mut names = Vec::new();
+    loop {
+        let mut buffer = [0; LONGEST_NAME];
+        let mut length = 0;
+        handle.call(|instance| {
+            // SAFETY: the instance is of this plugin; the buffer is as long as said.
+            length = unsafe { (table.name)(instance, names.len(), buffer.as_mut_ptr(), buffer.len()) };
+            shield_api::abi::status::OK
+        })?;
+        if length == 0 {
+            return Ok(names);
+        }
+        if length > LONGEST_NAME || names.len() == MOST_STARTS {
+            return Err(handle.broken(format!(
+                "its start {} has a name of {length} bytes; at most {MOST_STARTS} starts with {LONGEST_NAME} bytes are read",
+                names.len()
+            )));
+        }
+        names.push(String::from_utf8_lossy(&buffer[..length]).into_owned());
+    }
+}

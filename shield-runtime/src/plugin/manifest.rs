@@ -1,0 +1,80 @@
+//! Reading manifests from a file without loading it: nothing of the file is executed.
+
+use std::{fs::File, path::Path};
+
+use object::{Object, ObjectSection, ReadCache};
+use shield_api::{
+    abi::ABI_MAJOR,
+    manifest::{Manifest, SECTION, decode_section},
+};
+
+use super::{Kind, PluginError};
+
+/// The manifests of all plugins in the library at `path`. Reads the file's headers and one section, not the whole file.
+///
+/// # Errors
+/// The file cannot be read, is not a complete library, or has no manifest that can be understood.
+pub fn read_manifests(path: &Path) -> Result<Vec<Manifest>, PluginError> {
+    let unreadable =
+        |error: std::io::Error| PluginError::Unreadable { path: path.into(), reason: error.to_string() };
+    let not_a_library =
+        |error: object::Error| PluginError::NotALibrary { path: path.into(), reason: error.to_string() };
+    let file = File::open(path).map_err(unreadable)?;
+    if !file.metadata().map_err(unreadable)?.is_file() {
+        return Err(PluginError::Unreadable { path: path.into(), reason: "it is not a file".into() });
+    }
+    let cache = ReadCache::new(file);
+    let object = object::File::parse(&cache).map_err(not_a_library)?;
+    let section =
+        object.section_by_name(SECTION).ok_or_else(|| PluginError::NoManifest { path: path.into() })?;
+    let bytes = section.data().map_err(not_a_library)?;
+    decode_section(bytes).map_err(|reason| PluginError::BadManifest { path: path.into(), reason })
+}
+
+/// How a library enters this process.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Language {
+    /// By the root module of `abi_stable`, whose layout is compared.
+    Rust,
+    /// By the C symbol, whose tables are checked word by word.
+    C,
+}
+
+impl Language {
+    fn from_name(name: &str) -> Option<Self> {
+        match name {
+            "rust" => Some(Self::Rust),
+            "c" => Some(Self::C),
+            _ => None,
+        }
+    }
+}
+
+/// Refuses manifests of libraries that this host must not load; says in which language the library is written.
+pub(super) fn check_manifests(path: &Path, manifests: &[Manifest]) -> Result<Language, PluginError> {
+    let malformed = |reason: String| PluginError::BadManifest { path: path.into(), reason };
+    let mut languages = Vec::with_capacity(manifests.len());
+    for manifest in manifests {
+        let id = manifest.id.clone();
+        if manifest.abi.0 != ABI_MAJOR {
+            return Err(PluginError::Interface { path: path.into(), id, abi: manifest.abi });
+        }
+        if manifest.panic == "abort" {
+            return Err(PluginError::PanicAborts { path: path.into(), id });
+        }
+        if Kind::from_name(&manifest.kind).is_none() {
+            return Err(malformed(format!("{id:?} is of the unknown kind {:?}", manifest.kind)));
+        }
+        let language = Language::from_name(&manifest.language);
+        languages.push(language.ok_or_else(|| {
+            malformed(format!(
+                "{id:?} says the language {:?}; known are \"rust\" and \"c\"",
+                manifest.language
+            ))
+        })?);
+    }
+    match languages.first() {
+        Some(first) if languages.iter().all(|language| language == first) => Ok(*first),
+        _ => Err(malformed("its plugins name different languages".into())),
+    }
+}

@@ -1,0 +1,295 @@
+//! Finding plugins by id among the folders of the search path, and making instances of them.
+
+use std::{
+    collections::{BTreeMap, HashMap, HashSet},
+    fs,
+    path::{Path, PathBuf},
+    sync::{Arc, Mutex, PoisonError},
+};
+
+use shield_api::{Setup, manifest::Manifest};
+
+use super::{
+    Kind, LoadedAbortRule, LoadedEnvironment, LoadedLearner, LoadedPolicy, LoadedResetTask, PluginError,
+    SearchPath,
+    library::{KindTable, Library},
+    manifest::{check_manifests, read_manifests},
+};
+
+/// A plugin that was found. Nothing of its file has been executed yet.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Entry {
+    /// Which kind it is.
+    pub kind: Kind,
+    /// What it says of itself.
+    pub manifest: Manifest,
+    /// Its file, as a canonical path.
+    pub path: PathBuf,
+}
+
+/// A file or folder that was passed over.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Skipped {
+    /// The file.
+    pub path: PathBuf,
+    /// The ids in it, where the manifest can be read at all.
+    pub ids: Vec<String>,
+    /// Why.
+    pub reason: PluginError,
+}
+
+/// Which plugin an experiment names.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Selection {
+    /// Its id.
+    pub id: String,
+    /// The file to load it from, instead of the search path.
+    pub path: Option<PathBuf>,
+}
+
+impl Selection {
+    /// The plugin of that id, wherever the search path has it.
+    pub fn new(id: impl Into<String>) -> Self {
+        Self { id: id.into(), path: None }
+    }
+
+    /// The plugin of that id in the given file.
+    #[must_use]
+    pub fn at(mut self, path: impl Into<PathBuf>) -> Self {
+        self.path = Some(path.into());
+        self
+    }
+}
+
+/// The plugins of a search path, and the libraries that were loaded so far. Several threads may use one registry.
+#[derive(Debug, Default)]
+pub struct Registry {
+    entries: Vec<Entry>,
+    skipped: Vec<Skipped>,
+    searched: Vec<String>,
+    libraries: Mutex<HashMap<PathBuf, Arc<Library>>>,
+}
+
+impl Registry {
+    /// Reads the manifests of every library in the folders; executes nothing. What cannot be read is kept in
+    /// [`skipped`](Self::skipped) with its reason.
+    pub fn scan(search_path: &SearchPath) -> Self {
+        let mut registry = Self::default();
+        let mut seen = HashSet::new();
+        for folder in search_path.folders() {
+            match libraries_in(folder) {
+                Ok(paths) => {
+                    registry.searched.push(folder.display().to_string());
+                    paths
+                        .iter()
+                        .filter(|path| seen.insert((*path).clone()))
+                        .for_each(|path| registry.add(path));
+                }
+                Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
+                    registry.searched.push(format!("{} (no such folder)", folder.display()));
+                }
+                Err(error) => {
+                    registry.searched.push(format!("{} ({error})", folder.display()));
+                    let reason = PluginError::Unreadable { path: folder.clone(), reason: error.to_string() };
+                    registry.skipped.push(Skipped { path: folder.clone(), ids: Vec::new(), reason });
+                }
+            }
+        }
+        registry
+    }
+
+    fn add(&mut self, path: &Path) {
+        let skipped = |ids, reason| Skipped { path: path.into(), ids, reason };
+        let manifests = match read_manifests(path) {
+            Ok(manifests) => manifests,
+            Err(reason) => return self.skipped.push(skipped(Vec::new(), reason)),
+        };
+        if let Err(reason) = check_manifests(path, &manifests) {
+            let ids = manifests.into_iter().map(|manifest| manifest.id).collect();
+            return self.skipped.push(skipped(ids, reason));
+        }
+        self.entries.extend(manifests.into_iter().filter_map(|manifest| {
+            let kind = Kind::from_name(&manifest.kind)?;
+            Some(Entry { kind, manifest, path: path.into() })
+        }));
+    }
+
+    /// Every plugin that was found, in the order of the search path; also those whose id is taken twice.
+    pub fn entries(&self) -> &[Entry] {
+        &self.entries
+    }
+
+    /// What was passed over, and why.
+    pub fn skipped(&self) -> &[Skipped] {
+        &self.skipped
+    }
+
+    /// One error for each id that is taken more than once.
+    pub fn duplicates(&self) -> Vec<PluginError> {
+        let mut paths: BTreeMap<&str, Vec<PathBuf>> = BTreeMap::new();
+        for entry in &self.entries {
+            paths.entry(&entry.manifest.id).or_default().push(entry.path.clone());
+        }
+        paths
+            .into_iter()
+            .filter(|(_, paths)| paths.len() > 1)
+            .map(|(id, paths)| PluginError::DuplicateId { id: id.into(), paths })
+            .collect()
+    }
+
+    /// The plugin of that id.
+    ///
+    /// # Errors
+    /// No plugin has the id (the message suggests similar ones and says where it was looked for), several have it, it is of
+    /// another kind, or its file was passed over.
+    pub fn find(&self, id: &str, wanted: Kind) -> Result<&Entry, PluginError> {
+        let found: Vec<&Entry> = self.entries.iter().filter(|entry| entry.manifest.id == id).collect();
+        match found[..] {
+            [entry] if entry.kind == wanted => Ok(entry),
+            [entry] => Err(PluginError::WrongKind {
+                path: entry.path.clone(),
+                id: id.into(),
+                found: entry.kind,
+                wanted,
+            }),
+            [] => Err(self.unknown(id, wanted)),
+            _ => Err(PluginError::DuplicateId {
+                id: id.into(),
+                paths: found.into_iter().map(|entry| entry.path.clone()).collect(),
+            }),
+        }
+    }
+
+    fn unknown(&self, id: &str, wanted: Kind) -> PluginError {
+        if let Some(skipped) = self.skipped.iter().find(|skipped| skipped.ids.iter().any(|other| other == id))
+        {
+            return skipped.reason.clone();
+        }
+        let mut similar: Vec<(f64, &str)> = self
+            .entries
+            .iter()
+            .filter(|entry| entry.kind == wanted)
+            .map(|entry| (likeness(id, &entry.manifest.id), entry.manifest.id.as_str()))
+            .filter(|(likeness, _)| *likeness >= 0.5)
+            .collect();
+        similar.sort_by(|left, right| right.0.total_cmp(&left.0));
+        PluginError::UnknownId {
+            id: id.into(),
+            wanted,
+            similar: similar.into_iter().take(3).map(|(_, id)| format!("{id:?}")).collect(),
+            searched: self.searched.clone(),
+        }
+    }
+
+    /// An environment, ready for its first reset.
+    ///
+    /// # Errors
+    /// The plugin cannot be found or loaded, refuses its configuration, or describes itself wrongly.
+    pub fn environment(
+        &self,
+        choice: &Selection,
+        config: &str,
+        setup: &Setup,
+    ) -> Result<LoadedEnvironment, PluginError> {
+        LoadedEnvironment::create(&choice.id, self.table(choice)?, config, setup)
+    }
+
+    /// A learner.
+    ///
+    /// # Errors
+    /// As for [`environment`](Self::environment).
+    pub fn learner(
+        &self,
+        choice: &Selection,
+        config: &str,
+        setup: &Setup,
+    ) -> Result<LoadedLearner, PluginError> {
+        LoadedLearner::create(&choice.id, self.table(choice)?, config, setup)
+    }
+
+    /// A policy.
+    ///
+    /// # Errors
+    /// As for [`environment`](Self::environment).
+    pub fn policy(
+        &self,
+        choice: &Selection,
+        config: &str,
+        setup: &Setup,
+    ) -> Result<LoadedPolicy, PluginError> {
+        LoadedPolicy::create(&choice.id, self.table(choice)?, config, setup)
+    }
+
+    /// An abort rule.
+    ///
+    /// # Errors
+    /// As for [`environment`](Self::environment).
+    pub fn abort_rule(
+        &self,
+        choice: &Selection,
+        config: &str,
+        setup: &Setup,
+    ) -> Result<LoadedAbortRule, PluginError> {
+        LoadedAbortRule::create(&choice.id, self.table(choice)?, config, setup)
+    }
+
+    /// A reset task.
+    ///
+    /// # Errors
+    /// As for [`environment`](Self::environment).
+    pub fn reset_task(
+        &self,
+        choice: &Selection,
+        config: &str,
+        setup: &Setup,
+    ) -> Result<LoadedResetTask, PluginError> {
+        LoadedResetTask::create(&choice.id, self.table(choice)?, config, setup)
+    }
+
+    fn table<T: KindTable>(&self, choice: &Selection) -> Result<&'static T, PluginError> {
+        let path = match &choice.path {
+            Some(path) => path,
+            None => &self.find(&choice.id, T::KIND)?.path,
+        };
+        self.library(path)?.table(&choice.id)
+    }
+
+    /// The library at `path`, loaded once.
+    fn library(&self, path: &Path) -> Result<Arc<Library>, PluginError> {
+        let path = path
+            .canonicalize()
+            .map_err(|error| PluginError::Unreadable { path: path.into(), reason: error.to_string() })?;
+        let mut libraries = self.libraries.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(library) = libraries.get(&path) {
+            return Ok(library.clone());
+        }
+        let library = Arc::new(Library::load(&path)?);
+        libraries.insert(path, library.clone());
+        Ok(library)
+    }
+}
+
+/// The libraries directly in a folder, as canonical paths in the order of their names.
+fn libraries_in(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
+    let mut paths = Vec::new();
+    for entry in fs::read_dir(folder)? {
+        let path = entry?.path();
+        let is_library = path
+            .file_name()
+            .and_then(|name| name.to_str())
+            .is_some_and(|name| name.ends_with(std::env::consts::DLL_SUFFIX));
+        if is_library && !path.is_dir() {
+            // A dangling link stays as it is and is reported as unreadable.
+            paths.push(path.canonicalize().unwrap_or(path));
+        }
+    }
+    paths.sort();
+    Ok(paths)
+}
+
+/// From 0 to 1; the part after the slash counts by itself too, since it is what people remember.
+fn likeness(asked: &str, id: &str) -> f64 {
+    let name = |id: &str| id.rsplit('/').next().unwrap_or(id).to_string();
+    strsim::normalized_damerau_levenshtein(asked, id)
+        .max(strsim::normalized_damerau_levenshtein(&name(asked), &name(id)))
+}
