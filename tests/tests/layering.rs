@@ -1,4 +1,5 @@
 //! The direction of dependencies between the crates, as `cargo metadata` sees them.
+#![allow(clippy::unwrap_used, reason = "a test")]
 
 use std::collections::{BTreeSet, HashMap};
 use std::path::Path;

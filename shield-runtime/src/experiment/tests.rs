@@ -449,3 +449,22 @@ fn a_file_that_cannot_be_read_is_named() {
     let error = ExperimentFile::read("no/such.ron").unwrap_err();
     assert!(error.to_string().starts_with("no/such.ron: the file cannot be read: "), "{error}");
 }
+
+#[test]
+fn a_damaged_file_panics_or_is_faulted_outside_itself() {
+    let ends: Vec<usize> = EXAMPLE.char_indices().map(|(offset, _)| offset).collect();
+    let mut refused = 0;
+    for pair in ends.windows(2) {
+        let (start, end) = (pair[0], pair[1]);
+        let without = format!("{}{}", &EXAMPLE[..start], &EXAMPLE[end..]);
+        for text in [EXAMPLE[..start].to_owned(), without.clone(), format!("{}({without}", &EXAMPLE[..start])]
+        {
+            let Err(error) = file(&text).variants(&[], None) else { continue };
+            refused += 1;
+            let Location::File { position: Some(position), .. } = error.location else { panic!("{error}") };
+            let lines = text.matches('\n').count() + 1;
+            assert!((1..=lines).contains(&(position.line as usize)), "{error}\n{text}");
+        }
+    }
+    assert!(refused > 2 * EXAMPLE.len(), "{refused}");
+}
