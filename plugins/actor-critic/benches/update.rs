@@ -19,7 +19,8 @@ fn random(length: usize, rng: &mut Pcg64) -> Vec<f32> {
 }
 
 fn critics(threads: usize, rng: &mut Pcg64) -> Ensemble<f32> {
-    let architecture = Architecture::critic(OBSERVATION, ACTION, &[400, 300], Activation::Tanh).expect("a shape");
+    let architecture =
+        Architecture::critic(OBSERVATION, ACTION, &[400, 300], Activation::Tanh).expect("a shape");
     Ensemble::new(architecture, CRITICS, threads, rng).expect("threads")
 }
 

@@ -32,17 +32,20 @@ impl Adam {
         let root = T::from_f64(1.0 / (1.0 - self.beta2.powi(step)).sqrt());
         let (epsilon, tau) = (T::from_f64(self.epsilon), T::from_f64(tau));
         let Slices { weights, targets, first, second } = slices;
-        vectorised(|| {
-            let moments = first.iter_mut().zip(second);
-            let state = weights.iter_mut().zip(targets).zip(moments);
-            for (((weight, target), (first, second)), gradient) in state.zip(gradients) {
-                let gradient = *gradient;
-                *first = first.mul_add(beta1, rest1 * gradient);
-                *second = second.mul_add(beta2, rest2 * gradient * gradient);
-                *weight -= rate * *first / second.sqrt().mul_add(root, epsilon);
-                *target = (*weight - *target).mul_add(tau, *target);
-            }
-        });
+        vectorised(
+            #[inline(always)]
+            || {
+                let moments = first.iter_mut().zip(second);
+                let state = weights.iter_mut().zip(targets).zip(moments);
+                for (((weight, target), (first, second)), gradient) in state.zip(gradients) {
+                    let gradient = *gradient;
+                    *first = first.mul_add(beta1, rest1 * gradient);
+                    *second = second.mul_add(beta2, rest2 * gradient * gradient);
+                    *weight -= rate * *first / second.sqrt().mul_add(root, epsilon);
+                    *target = (*weight - *target).mul_add(tau, *target);
+                }
+            },
+        );
     }
 }
 

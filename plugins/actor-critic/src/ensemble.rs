@@ -138,20 +138,22 @@ impl<T: Real> Ensemble<T> {
         let architecture = &self.architecture;
         let EnsembleState { weights, targets, first_moments, second_moments, .. } = &mut self.state;
 
-        let run = |first_index: usize, slices: Slices<'_, T>, results: &mut [R], workspace: &mut Workspace<T>| {
-            let parameters = slices.weights.chunks_exact_mut(length).zip(slices.targets.chunks_exact_mut(length));
-            let moments = slices.first.chunks_exact_mut(length).zip(slices.second.chunks_exact_mut(length));
-            for (offset, (((weights, targets), (first, second)), result)) in
-                parameters.zip(moments).zip(results).enumerate()
-            {
-                let slices = Slices { weights, targets, first, second };
-                let index = first_index + offset;
-                work(&mut Member { index, architecture, slices, workspace, next_step }, result);
-            }
-        };
+        let run =
+            |first_index: usize, slices: Slices<'_, T>, results: &mut [R], workspace: &mut Workspace<T>| {
+                let parameters =
+                    slices.weights.chunks_exact_mut(length).zip(slices.targets.chunks_exact_mut(length));
+                let moments =
+                    slices.first.chunks_exact_mut(length).zip(slices.second.chunks_exact_mut(length));
+                for (offset, (((weights, targets), (first, second)), result)) in
+                    parameters.zip(moments).zip(results).enumerate()
+                {
+                    let slices = Slices { weights, targets, first, second };
+                    let index = first_index + offset;
+                    work(&mut Member { index, architecture, slices, workspace, next_step }, result);
+                }
+            };
         let Some(pool) = &self.pool else {
-            let slices =
-                Slices { weights, targets, first: first_moments, second: second_moments };
+            let slices = Slices { weights, targets, first: first_moments, second: second_moments };
             return run(0, slices, results, &mut self.workspaces[0]);
         };
         let workspaces = &mut self.workspaces;

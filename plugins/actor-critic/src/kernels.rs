@@ -4,7 +4,8 @@ use faer::{Accum, MatMut, MatRef, Par, linalg::matmul::matmul};
 
 use crate::{Activation, Real};
 
-/// Runs `work`, inlined, with the machine's vector instructions.
+/// Runs `work` with the machine's vector instructions. The closure and what it calls must be `#[inline(always)]`: a call
+/// from it is compiled for the oldest machine, where `mul_add` is a slow function.
 #[inline(always)]
 pub(crate) fn vectorised<R>(work: impl FnOnce() -> R) -> R {
     pulp::Arch::new().dispatch(work)
@@ -23,7 +24,10 @@ pub(crate) fn product<T: Real>(
         if accumulate == Accum::Replace {
             destination.fill(T::ZERO);
         }
-        return vectorised(|| vector_matrix(destination, left, right));
+        return vectorised(
+            #[inline(always)]
+            || vector_matrix(destination, left, right),
+        );
     }
     matmul(
         MatMut::from_row_major_slice_mut(destination, rows, columns),
@@ -60,11 +64,14 @@ pub(crate) fn product_right_transposed<T: Real>(
     (rows, inner, columns): (usize, usize, usize),
 ) {
     if rows == 1 {
-        return vectorised(|| {
-            for (value, row) in destination.iter_mut().zip(right.chunks_exact(columns)) {
-                *value = dot(left, row);
-            }
-        });
+        return vectorised(
+            #[inline(always)]
+            || {
+                for (value, row) in destination.iter_mut().zip(right.chunks_exact(columns)) {
+                    *value = dot(left, row);
+                }
+            },
+        );
     }
     matmul(
         MatMut::from_row_major_slice_mut(destination, rows, inner),
@@ -122,12 +129,19 @@ fn dot<T: Real>(left: &[T], right: &[T]) -> T {
 
 /// √Σx², summed in 16 lanes.
 pub(crate) fn norm<T: Real>(values: &[T]) -> T {
-    vectorised(|| dot(values, values)).sqrt()
+    let square = vectorised(
+        #[inline(always)]
+        || dot(values, values),
+    );
+    square.sqrt()
 }
 
 /// `values *= factor`.
 pub(crate) fn scale<T: Real>(values: &mut [T], factor: T) {
-    vectorised(|| values.iter_mut().for_each(|value| *value *= factor));
+    vectorised(
+        #[inline(always)]
+        || values.iter_mut().for_each(|value| *value *= factor),
+    );
 }
 
 /// `y = activation(y + bias)` for each row of `y`.
@@ -158,29 +172,38 @@ fn map_rows<T: Real>(values: &mut [T], bias: &[T], function: impl Fn(T) -> T) {
 pub(crate) fn differentiate<T: Real>(deltas: &mut [T], outputs: &[T], activation: Option<Activation>) {
     match activation {
         None => {}
-        Some(Activation::Tanh) => vectorised(|| {
-            for (delta, y) in deltas.iter_mut().zip(outputs) {
-                *delta *= T::ONE - *y * *y;
-            }
-        }),
-        Some(Activation::Relu) => vectorised(|| {
-            for (delta, y) in deltas.iter_mut().zip(outputs) {
-                *delta = if *y > T::ZERO { *delta } else { T::ZERO };
-            }
-        }),
+        Some(Activation::Tanh) => vectorised(
+            #[inline(always)]
+            || {
+                for (delta, y) in deltas.iter_mut().zip(outputs) {
+                    *delta *= T::ONE - *y * *y;
+                }
+            },
+        ),
+        Some(Activation::Relu) => vectorised(
+            #[inline(always)]
+            || {
+                for (delta, y) in deltas.iter_mut().zip(outputs) {
+                    *delta = if *y > T::ZERO { *delta } else { T::ZERO };
+                }
+            },
+        ),
     }
 }
 
 /// `sums = Σ rows`.
 pub(crate) fn sum_rows<T: Real>(sums: &mut [T], rows: &[T]) {
     sums.fill(T::ZERO);
-    vectorised(|| {
-        for row in rows.chunks_exact(sums.len()) {
-            for (sum, value) in sums.iter_mut().zip(row) {
-                *sum += *value;
+    vectorised(
+        #[inline(always)]
+        || {
+            for row in rows.chunks_exact(sums.len()) {
+                for (sum, value) in sums.iter_mut().zip(row) {
+                    *sum += *value;
+                }
             }
-        }
-    });
+        },
+    );
 }
 
 #[cfg(test)]

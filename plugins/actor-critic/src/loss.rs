@@ -16,7 +16,13 @@ pub enum Loss {
 impl Loss {
     /// The mean loss of the rows, weighted by `weights`, and its gradient with respect to the predictions. Where all
     /// weights are 0, both are 0.
-    pub fn evaluate<T: Real>(self, predictions: &[T], targets: &[T], weights: &[T], gradients: &mut [T]) -> T {
+    pub fn evaluate<T: Real>(
+        self,
+        predictions: &[T],
+        targets: &[T],
+        weights: &[T],
+        gradients: &mut [T],
+    ) -> T {
         let total = weights.iter().fold(T::ZERO, |sum, weight| sum + *weight);
         let share = if total == T::ZERO { T::ZERO } else { T::ONE / total };
         let mut loss = T::ZERO;

@@ -77,7 +77,12 @@ impl<T: Real> Member<'_, T> {
     /// One step of the optimiser along the gradient, then target ← target + `tau` (weights − target).
     pub fn step(&mut self, adam: &Adam, tau: f64) {
         let Slices { weights, targets, first, second } = &mut self.slices;
-        adam.apply(Slices { weights, targets, first, second }, &self.workspace.gradients, self.next_step, tau);
+        adam.apply(
+            Slices { weights, targets, first, second },
+            &self.workspace.gradients,
+            self.next_step,
+            tau,
+        );
     }
 
     /// The weights themselves.

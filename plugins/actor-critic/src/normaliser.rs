@@ -60,7 +60,8 @@ mod tests {
 
     #[test]
     fn what_was_seen_has_mean_zero_and_variance_one() {
-        let rows: Vec<f32> = (0..200).map(|i| if i % 2 == 0 { i as f32 } else { 5.0 - 3.0 * i as f32 }).collect();
+        let rows: Vec<f32> =
+            (0..200).map(|i| if i % 2 == 0 { i as f32 } else { 5.0 - 3.0 * i as f32 }).collect();
         let mut normaliser = Normaliser::new(2);
         rows.chunks(20).for_each(|chunk| normaliser.observe(chunk));
         let mut out = vec![0.0; rows.len()];

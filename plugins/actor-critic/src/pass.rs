@@ -9,7 +9,9 @@ use faer::Accum;
 use crate::{
     Architecture, Real,
     architecture::Layer,
-    kernels::{activate, differentiate, product, product_left_transposed, product_right_transposed, sum_rows},
+    kernels::{
+        activate, differentiate, product, product_left_transposed, product_right_transposed, sum_rows,
+    },
 };
 
 /// Buffers of one thread; they grow to the largest batch seen and stay.
@@ -68,12 +70,7 @@ impl<T: Real> Workspace<T> {
 
 impl Architecture {
     /// What depends on the observation alone. Sets the size of the batch.
-    pub(crate) fn trunk<T: Real>(
-        &self,
-        parameters: &[T],
-        observations: &[T],
-        workspace: &mut Workspace<T>,
-    ) {
+    pub(crate) fn trunk<T: Real>(&self, parameters: &[T], observations: &[T], workspace: &mut Workspace<T>) {
         let size = observations.len() / self.observation_len();
         workspace.resize(self, size);
         for layer in &self.layers[..self.join.min(self.layers.len())] {
