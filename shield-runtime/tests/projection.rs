@@ -78,11 +78,14 @@ impl Learner for Plane {
     }
 }
 
+/// Of each decision, whether it was an abort, and the action.
+type Told = Arc<Mutex<Vec<(bool, Vec<f32>)>>>;
+
 /// A third party's rule: the value must reach a threshold. `pushes` may tell lies.
 struct Reach {
     threshold: f32,
     pushes: fn(&RuleContext<'_>, &[f32], f32, &mut dyn Rows) -> Result<()>,
-    told: Arc<Mutex<Vec<(bool, Vec<f32>)>>>,
+    told: Told,
 }
 
 impl Reach {
@@ -299,7 +302,8 @@ impl Solver for Fake {
 
 #[test]
 fn a_solver_that_fails_or_lies_does_not_abort() {
-    let table: [(fn(&Program<'_>, &mut [f64]) -> Outcome, Cause); 7] = [
+    type Solve = fn(&Program<'_>, &mut [f64]) -> Outcome;
+    let table: [(Solve, Cause); 7] = [
         (|_, _| panic!("the fake solver panics on purpose"), Cause::SolverPanicked),
         (|_, _| Outcome::NotConverged, Cause::NotConverged),
         (|_, _| Outcome::Infeasible, Cause::Infeasible),
