@@ -92,13 +92,14 @@ fn tables_that_cannot_be_are_refused_before_the_first_call() {
         ("table_size", "TABLE_SIZE=80", "its abort-rule table says struct_size 80, expected 88"),
         ("descriptor_size", "DESCRIPTOR_SIZE=64", "its descriptor 0 says struct_size 64, expected 72"),
         ("library_size", "LIBRARY_SIZE=40", "its list of plugins says struct_size 40, expected 32"),
-        ("null_list", "NULL_LIST", "its list of plugins is at the address 0x0"),
+        ("null_list", "NULL_LIST", "its list of plugins is a null pointer"),
         ("major", "ABI_MAJOR=2", "speaks interface 2.0, this host 1.0"),
         ("count", "COUNT=1000", "it lists 1000 plugins, the manifest section of its file 1"),
         ("kind", "KIND=3", "it says the kind \"abort-rule\" and the number 3"),
         ("two_tables", "TWO_TABLES", "these are: [policy, abort-rule]"),
         ("no_entry", "NO_ENTRY", "does not export `shield_plugin_entry_v1`"),
         ("language", "LANGUAGE=\"cobol\"", "says the language \"cobol\""),
+        ("kind_name", "KIND_NAME=\"oracle\"", "\"c/gentle\" is of the unknown kind \"oracle\""),
         ("says_rust", "LANGUAGE=\"rust\"", "says \"rust\", but the library does not export"),
     ] {
         check_refusal(&c_fixture(name, &[define]), &[expected]);

@@ -37,7 +37,17 @@ fn a_failed_load_does_not_poison_the_next() {
 #[test]
 fn swapped_fields_are_refused_by_name() {
     let path = fixture("swapped");
-    check_refusal(&path, &["its tables differ", "forward_reward", "reset_reward", "rebuild the plugin"]);
+    check_refusal(
+        &path,
+        &[
+            "its tables differ",
+            "in `StepView`",
+            "environment.step",
+            "forward_reward",
+            "reset_reward",
+            "rebuild the plugin",
+        ],
+    );
     assert!(matches!(refusal(&path), PluginError::Layout { .. }));
 }
 
@@ -61,6 +71,22 @@ fn a_library_that_hides_its_layout_is_refused() {
 #[test]
 fn a_rust_library_cannot_enter_by_the_c_symbol() {
     check_refusal(&fixture("no-door"), &["says \"rust\"", "does not export", "no way around"]);
+}
+
+#[test]
+fn a_rust_library_that_says_c_cannot_avoid_the_comparison_of_layouts() {
+    // The same length, so that everything stays in its place.
+    let (says, instead) = (&b"language=rust\x1f"[..], &b"language=c\x1fz=\x1f"[..]);
+    let mut bytes = fs::read(fixture("unchecked")).unwrap();
+    for at in 0..bytes.len() - says.len() {
+        if bytes[at..].starts_with(says) {
+            bytes[at..at + says.len()].copy_from_slice(instead);
+        }
+    }
+    let folder = tempdir().unwrap();
+    let path = folder.path().join("says_c.so");
+    fs::write(&path, bytes).unwrap();
+    check_refusal(&path, &["says that the library is written in C", "the door of a Rust plugin"]);
 }
 
 #[test]

@@ -27,8 +27,11 @@ pub fn fixture(name: &str) -> PathBuf {
         // One crate alone is compiled with another panic strategy: that needs no second copy of its dependencies.
         cargo(&["rustc", "--package", "aborting", "--", "-C", "panic=abort"]);
     });
-    let file = format!("{}{}{}", env::consts::DLL_PREFIX, name.replace('-', "_"), env::consts::DLL_SUFFIX);
-    target().join("debug").join(file)
+    target().join("debug").join(file_name(name))
+}
+
+fn file_name(name: &str) -> String {
+    format!("{}{}{}", env::consts::DLL_PREFIX, name.replace('-', "_"), env::consts::DLL_SUFFIX)
 }
 
 fn cargo(arguments: &[&str]) {
@@ -43,6 +46,13 @@ fn cargo(arguments: &[&str]) {
         .output()
         .unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+}
+
+/// The Rust library of that name, optimised, for measurements.
+#[allow(dead_code)] // The tests measure nothing.
+pub fn optimised_fixture(name: &str) -> PathBuf {
+    cargo(&["build", "--release", "--package", name]);
+    target().join("release").join(file_name(name))
 }
 
 /// The C library with the given macros defined.

@@ -3,6 +3,7 @@
 //! The Rust libraries lie in `tests/fixtures`, a workspace of its own that is built here into one shared target folder; the C
 //! libraries come from one source, in which a macro chooses what is wrong.
 
+mod allocations;
 mod c;
 mod doors;
 mod fixtures;

@@ -168,7 +168,7 @@ fn a_refused_row_is_an_error_even_if_the_rule_does_not_care() {
     }
     let mut rows = Nothing(0);
     for (fault, expected) in [
-        ("long row", "has 0 values, expected 1"),
+        ("long row", "the row has 2 values, expected 1"),
         ("NaN row", "the row[0] is NaN"),
         ("infinite bound", "the bound[0] is inf"),
     ] {
