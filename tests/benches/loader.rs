@@ -1,6 +1,7 @@
 //! What loading costs: a scan of a folder with 20 libraries, and calls through the wrappers against the same call of a Rust type.
 
 #[path = "../tests/loader/fixtures.rs"]
+#[allow(dead_code, clippy::unwrap_used)] // The tests use the rest.
 mod fixtures;
 
 use std::{fs, hint::black_box};

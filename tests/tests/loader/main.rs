@@ -2,6 +2,7 @@
 //!
 //! The Rust libraries lie in `tests/fixtures`, a workspace of its own that is built here into one shared target folder; the C
 //! libraries come from one source, in which a macro chooses what is wrong.
+#![allow(clippy::unwrap_used)] // Helpers of tests are tests too.
 
 mod allocations;
 mod c;

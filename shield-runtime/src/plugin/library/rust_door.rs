@@ -83,7 +83,7 @@ fn difference(errors: &AbiInstabilityErrors) -> Option<String> {
         TLFieldOrFunction::Field(field) => Some(field),
         TLFieldOrFunction::Function(_) => None,
     });
-    let kind = fields.clone().last().map_or("the root module", |field| field.layout().name());
+    let kind = fields.clone().next_back().map_or("the root module", |field| field.layout().name());
     let place: Vec<&str> = fields.map(|field| field.name()).filter(has_name).collect();
     let what: Vec<String> = first.errs.iter().take(3).map(describe).collect();
     Some(format!("in `{kind}`, at `{}`: {}", place.join("."), what.join("; ")))
