@@ -65,6 +65,14 @@ fn a_rule_in_c_judges_and_linearises_and_keeps_its_state() {
 }
 
 #[test]
+fn half_a_saved_state_is_taken_back() {
+    let rule = create("save_fails", &["SAVE_FAILS"], "()").unwrap();
+    let mut bytes = vec![9];
+    assert_eq!(rule.save(&mut bytes).unwrap_err(), Error::failed("c/gentle: the disk is full"));
+    assert_eq!(bytes, [9]);
+}
+
+#[test]
 fn the_callers_refusal_of_a_row_ends_the_linearisation() {
     struct Full;
     impl Rows for Full {

@@ -84,10 +84,10 @@ fn a_panic_under_a_shared_reference_takes_the_rule_out_of_service() {
 }
 
 #[test]
-fn a_panic_in_save_leaves_the_bytes_as_they_were() {
-    let mut bytes = vec![7];
-    assert_eq!(world("panic in save").unwrap().save(&mut bytes).unwrap_err().kind(), ErrorKind::Panicked);
-    assert_eq!(bytes, [7]);
+fn a_panic_in_save_takes_the_instance_out_of_service() {
+    let mut broken = world("panic in save").unwrap();
+    assert_eq!(broken.save(&mut Vec::new()).unwrap_err().kind(), ErrorKind::Panicked);
+    assert!(broken.reset(0, &mut [0.0]).unwrap_err().message().contains("cannot be saved"));
 }
 
 #[test]
@@ -108,7 +108,7 @@ fn an_environment_that_gives_no_numbers_is_an_error() {
     let mut observation = [0.5];
     for fault in ["NaN in reset", "forgotten observation"] {
         check_failed(
-            world(fault).unwrap().reset(0, &mut observation),
+            world(fault).unwrap().reset(0, &mut [0.5]),
             "faulty/world: `reset` gave NaN for observation[0]",
         );
     }
@@ -144,6 +144,31 @@ fn an_agent_that_gives_no_numbers_is_an_error() {
     let mut actor =
         Registry::default().policy(&choice("faulty/actor"), &config("NaN action"), &spaces()).unwrap();
     check_failed(actor.act(&observation, &mut action), "faulty/actor: `act` gave NaN for action[0]");
+}
+
+#[test]
+fn an_output_that_the_plugin_forgot_is_not_what_was_there_before() {
+    let mut agent = agent("forgetful").unwrap();
+    let observation = [0.0];
+    check_failed(
+        agent.act(&observation, ActMode::Greedy, &mut [0.5]),
+        "faulty/agent: `act` gave NaN for action[0]",
+    );
+    check_failed(
+        agent.q_values(&observation, &[0.0], &mut [0.5]),
+        "faulty/agent: `q_values` gave NaN for values[0]",
+    );
+    check_failed(
+        agent.q_gradients(&observation, &[0.0], &mut [0.5], &mut [0.5]),
+        "faulty/agent: `q_gradients` gave NaN for gradients[0]",
+    );
+    let mut actor =
+        Registry::default().policy(&choice("faulty/actor"), &config("forgetful"), &spaces()).unwrap();
+    check_failed(actor.act(&observation, &mut [0.5]), "faulty/actor: `act` gave NaN for action[0]");
+    check_failed(
+        world("forgetful").unwrap().step(&[0.0], &mut [0.5]),
+        "faulty/world: `step` gave NaN for observation[0]",
+    );
 }
 
 #[test]
