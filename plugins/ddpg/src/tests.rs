@@ -351,6 +351,17 @@ fn after_the_first_call_nothing_is_allocated() {
     assert_eq!(counted.count_total, 0);
 }
 
+/// rayon's queue is a list of blocks with room for 63 jobs each.
+#[test]
+fn with_two_threads_only_the_queue_of_jobs_allocates() {
+    let mut learner = learner(SMALL, 5, 2);
+    let transitions = Transitions::random(3, 1);
+    (0..2).for_each(|_| learner.update(&transitions.batch()).unwrap());
+    let updates = || (0..630).for_each(|_| learner.update(&transitions.batch()).unwrap());
+    let counted = allocation_counter::measure(updates);
+    assert!(counted.count_total <= 11, "{counted:?}");
+}
+
 /// One step, reward −(a − 0.3)²: the value has its maximum at 0.3, and the actor must find it.
 #[test]
 fn the_best_action_of_one_step_is_found() {
@@ -380,4 +391,23 @@ fn the_best_action_of_one_step_is_found() {
     let mut values = [9.0; 2];
     learner.q_values(&[1.0], &[-0.7], &mut values).unwrap();
     assert!(values.iter().all(|value| (value + 1.0).abs() < 0.2), "{values:?} instead of −1");
+}
+
+#[test]
+fn optimistic_critics_begin_at_the_given_value() {
+    let mut learner = learner(&small_with("critics: 3, initial_value: Some(20.0)"), 5, 1);
+    assert!(values(&mut learner).iter().all(|value| (value - 20.0).abs() < 0.2));
+}
+
+#[test]
+fn a_loss_that_overflows_is_an_error_and_leaves_values_finite() {
+    let mut learner = learner(&small_with("critics: 3, loss: Squared"), 5, 1);
+    let mut transitions = Transitions::random(3, 1);
+    transitions.rewards[0] = f32::MAX;
+    let before = values(&mut learner);
+    assert_eq!(learner.update(&transitions.batch()).unwrap_err().kind(), ErrorKind::Failed);
+    let after = values(&mut learner);
+    assert!(after.iter().all(|value| value.is_finite()));
+    // Transition 0 is masked for member 1 alone; the others have taken no step.
+    assert_eq!((before[0], before[2]), (after[0], after[2]));
 }
