@@ -27,7 +27,15 @@ pub trait PluginConfig: DeserializeOwned + Default {
     /// # Errors
     /// [`ErrorKind::InvalidConfig`](crate::ErrorKind::InvalidConfig) with the position of the fault.
     fn parse(text: &str) -> Result<Self> {
-        ron_options().from_str(text).map_err(|error| {
+        // With its extension for `Some(field: 1)`, `ron` refuses `Some((field: 1))`, which is the form that a host can send.
+        let long = ron::Options::default().from_str(text);
+        let read = long.or_else(|long: ron::error::SpannedError| {
+            ron_options().from_str(text).map_err(|short| {
+                let got_further = short.span.start > long.span.start;
+                if got_further { short } else { long }
+            })
+        });
+        read.map_err(|error| {
             let start = error.span.start;
             Error::invalid_config(error.code.to_string()).at(start.line as u32, start.col as u32)
         })
@@ -92,4 +100,38 @@ macro_rules! config {
     };
     (@text $default:expr, $text:literal) => { $text };
     (@text $default:expr) => { stringify!($default) };
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[derive(Debug, Clone, PartialEq, serde::Deserialize)]
+    pub struct Range {
+        low: f32,
+    }
+
+    config! {
+        /// A plugin's.
+        pub struct Settings {
+            range: Option<Range> = None,
+            count: usize = 1,
+        }
+    }
+
+    #[test]
+    fn an_optional_structure_may_be_written_in_both_forms() {
+        for text in ["(range: Some((low: 1.0)))", "(range: Some(low: 1.0), count: 2)"] {
+            let range = Settings::parse(text).unwrap().range;
+            assert_eq!(range, Some(Range { low: 1.0 }), "{text}");
+        }
+    }
+
+    #[test]
+    fn the_error_of_the_form_that_was_meant_is_reported() {
+        for text in ["(range: Some((low: 1.0)),\n count: x)", "(range: Some(low: 1.0),\n count: x)"] {
+            let position = Settings::parse(text).unwrap_err().position().unwrap();
+            assert_eq!(position.line, 2, "{text}");
+        }
+    }
 }

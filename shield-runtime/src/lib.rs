@@ -1,4 +1,13 @@
 //! The host of the shield: loads plugins, decides, runs the joint loop of both agents, keeps their experience and writes results.
 
+pub mod agent;
+pub mod decision;
+pub mod evaluation;
+pub mod experience;
 pub mod experiment;
+pub mod joint_loop;
+pub mod observer;
 pub mod plugin;
+pub mod run;
+pub mod shield;
+pub mod world;

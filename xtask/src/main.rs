@@ -1,2 +1,155 @@
-//! Chores.
-fn main() {}
+//! Set-up and chores, as `cargo xtask …`; `cargo shield …` is short for `cargo xtask shield …`.
+#![allow(clippy::print_stdout, reason = "a command line")]
+
+mod cargo;
+mod native;
+mod stages;
+
+use std::path::Path;
+use std::process::{Command, ExitCode};
+
+use anyhow::Context;
+use clap::{Args, Parser, Subcommand};
+
+/// Set-up and chores of the shield.
+///
+/// Whatever a command needs and is missing, it brings first: MuJoCo is downloaded once, and what changed is built.
+#[derive(Parser)]
+#[command(bin_name = "cargo xtask", after_help = EXAMPLES)]
+struct CommandLine {
+    #[command(subcommand)]
+    chore: Chore,
+}
+
+const EXAMPLES: &str = "Examples:
+  cargo shield run examples/quickstart.ron    run an experiment
+  cargo shield --help                         what the shield itself can do
+  cargo xtask test                            every test
+  cargo xtask test --stage doc                only the examples in the documentation
+  cargo xtask bench --bench decision          one benchmark";
+
+#[derive(Subcommand)]
+enum Chore {
+    /// Bring the native libraries that the environments need (MuJoCo) into `native/`
+    ///
+    /// Does nothing if they are there, or if MUJOCO_DYNAMIC_LINK_DIR names a folder of yours.
+    Setup,
+    /// Build the `shield` program, every plugin and every environment
+    ///
+    /// They lie side by side in `target/release`, where `shield` finds its plugins.
+    Build(Build),
+    /// Build what changed, in release mode, and run `shield` with the arguments that follow
+    ///
+    /// Every argument behind `shield` goes to it, flags too, and its exit code comes back.
+    #[command(disable_help_flag = true)]
+    Shield {
+        /// For example: run examples/quickstart.ron --jobs 2
+        #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+        arguments: Vec<std::ffi::OsString>,
+    },
+    /// Run the tests, and say how long each stage took
+    Test {
+        /// Only this stage; it can be given several times
+        #[arg(long = "stage", value_name = "NAME")]
+        stages: Vec<stages::Name>,
+    },
+    /// Run the benchmarks
+    Bench {
+        /// Only this one; a pattern such as `decision*` is possible
+        #[arg(long = "bench", value_name = "NAME", default_value = "*")]
+        pattern: String,
+        /// Arguments for criterion, behind `--`
+        #[arg(last = true)]
+        arguments: Vec<String>,
+    },
+}
+
+#[derive(Args)]
+struct Build {
+    /// Optimised; this is the default
+    #[arg(long, conflicts_with = "debug")]
+    release: bool,
+    /// Quick to build and slow to run
+    #[arg(long)]
+    debug: bool,
+}
+
+fn main() -> ExitCode {
+    match run(CommandLine::parse().chore) {
+        Ok(code) => code,
+        Err(error) => {
+            eprintln_error(&error);
+            ExitCode::FAILURE
+        }
+    }
+}
+
+#[allow(clippy::print_stderr, reason = "a command line")]
+fn eprintln_error(error: &anyhow::Error) {
+    eprintln!("error: {error:#}");
+}
+
+fn run(chore: Chore) -> anyhow::Result<ExitCode> {
+    let root = cargo::workspace_root();
+    let mujoco = native::mujoco(root).context("MuJoCo could not be set up")?;
+    match chore {
+        Chore::Setup => println!("MuJoCo is in {}", mujoco.display()),
+        Chore::Build(Build { debug, .. }) => build(root, !debug)?,
+        Chore::Shield { arguments } => {
+            build(root, true)?;
+            return shield(&arguments);
+        }
+        Chore::Test { stages } => return stages::run(root, &stages),
+        Chore::Bench { pattern, arguments } => {
+            let bench = ["bench", "--workspace", "--bench", &pattern, "--"];
+            cargo::run(cargo::command(root).args(bench).args(arguments))?;
+        }
+    }
+    Ok(ExitCode::SUCCESS)
+}
+
+fn build(root: &Path, optimised: bool) -> anyhow::Result<()> {
+    let mut command = cargo::command(root);
+    command.args(["build", "--workspace", "--exclude", "xtask", "--exclude", "shield-tests"]);
+    if optimised {
+        command.arg("--release");
+    }
+    cargo::run(&mut command)
+}
+
+/// Becomes the `shield` program, or runs it where a process cannot be replaced.
+fn shield(arguments: &[std::ffi::OsString]) -> anyhow::Result<ExitCode> {
+    let name = format!("shield{}", std::env::consts::EXE_SUFFIX);
+    let program = cargo::target_folder()?.join("release").join(name);
+    let mut command = Command::new(&program);
+    command.args(arguments);
+    #[cfg(unix)]
+    let status: Result<std::process::ExitStatus, _> =
+        Err(std::os::unix::process::CommandExt::exec(&mut command));
+    #[cfg(not(unix))]
+    let status = command.status();
+    let status = status.with_context(|| format!("{} could not be run", program.display()))?;
+    Ok(status.code().and_then(|code| u8::try_from(code).ok()).map_or(ExitCode::FAILURE, ExitCode::from))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_command_line_contradicts_itself() {
+        <CommandLine as clap::CommandFactory>::command().debug_assert();
+    }
+
+    #[test]
+    fn a_flag_behind_shield_is_taken_for_ours() {
+        let given = ["run", "x.ron", "--help", "--set", "a=1", "--", "-V"];
+        for skip in [0, 2] {
+            let line = ["xtask", "shield"].iter().chain(&given[skip..]);
+            let Chore::Shield { arguments } = CommandLine::try_parse_from(line).unwrap().chore else {
+                panic!("another chore");
+            };
+            assert_eq!(arguments, given[skip..]);
+        }
+    }
+}

@@ -2,7 +2,7 @@
 
 use indexmap::IndexMap;
 use ron::value::RawValue;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Deserializer, Serialize};
 
 /// A whole experiment: one environment, two agents, a shield, several seeds and variants.
 #[derive(Debug, Clone, Deserialize, Serialize)]
@@ -22,19 +22,19 @@ pub struct Experiment {
     /// The agent or policy that does the task.
     pub forward: Forward,
     /// The learner that undoes it. Needed by `Shielded` and `ResetOnly`.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default)]
     pub reset: Option<PluginChoice>,
     /// What must not happen.
     #[serde(default)]
     pub shield: ShieldConfig,
     /// Replaces the environment's own reset reward and reset set.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default)]
     pub reset_task: Option<PluginChoice>,
     /// The transitions that both agents share, and what they learn from them.
     #[serde(default)]
     pub experience: ExperienceConfig,
     /// Greedy episodes in a second instance of the environment, at fixed intervals.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default)]
     pub evaluation: Option<EvaluationConfig>,
     /// What one hard reset costs; the summary's `hard_reset_cost` is the sum.
     #[serde(default = "one")]
@@ -45,6 +45,28 @@ pub struct Experiment {
     /// Named lists of overrides, `"name": [("path.to.field", value)]`. Without any, there is one variant, `default`.
     #[serde(default, skip_serializing_if = "IndexMap::is_empty")]
     pub variants: IndexMap<String, Vec<(String, Box<RawValue>)>>,
+}
+
+impl Experiment {
+    /// Every plugin that the experiment names, with the path of its field, such as `shield.rules[0]`.
+    pub fn plugins(&self) -> Vec<(String, &PluginChoice)> {
+        let mut found = vec![("environment".to_owned(), &self.environment)];
+        found.push(("forward".into(), self.forward.choice()));
+        found.extend(self.reset.iter().map(|choice| ("reset".into(), choice)));
+        let rules = self.shield.rules.iter().enumerate();
+        found.extend(rules.map(|(index, choice)| (format!("shield.rules[{index}]"), choice)));
+        found.extend(self.reset_task.iter().map(|choice| ("reset_task".into(), choice)));
+        found
+    }
+
+    pub(super) fn plugins_mut(&mut self) -> impl Iterator<Item = &mut PluginChoice> {
+        let (Forward::Learner(forward) | Forward::Policy(forward)) = &mut self.forward;
+        [&mut self.environment, forward]
+            .into_iter()
+            .chain(&mut self.reset)
+            .chain(&mut self.shield.rules)
+            .chain(&mut self.reset_task)
+    }
 }
 
 fn one() -> f64 {
@@ -80,11 +102,16 @@ pub struct PluginChoice {
     /// The plugin's id.
     pub plugin: String,
     /// A file to load it from, instead of the search path.
-    #[serde(default, skip_serializing_if = "Option::is_none")]
+    #[serde(default)]
     pub path: Option<std::path::PathBuf>,
     /// RON text that only the plugin understands.
-    #[serde(default = "empty_config")]
+    #[serde(default = "empty_config", deserialize_with = "bare_config")]
     pub config: Box<RawValue>,
+}
+
+/// Without the comments around it, so that the text begins where the value does: the positions that a plugin reports count from there.
+fn bare_config<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Box<RawValue>, D::Error> {
+    Box::<RawValue>::deserialize(deserializer).map(RawValue::trim_boxed)
 }
 
 fn empty_config() -> Box<RawValue> {
@@ -149,12 +176,22 @@ impl Default for ShieldConfig {
 
 /// N, the number of failed reset episodes in a row after which a hard reset follows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
-#[serde(untagged)]
+#[serde(untagged, expecting = "expected a number of attempts or `Unlimited`")]
 pub enum ResetAttempts {
     /// A hard reset after that many failures.
     After(u32),
     /// `Unlimited`: never a hard reset.
     Never(Unlimited),
+}
+
+impl ResetAttempts {
+    /// N, or `None` where there is no limit.
+    pub fn limit(self) -> Option<u32> {
+        match self {
+            Self::After(limit) => Some(limit),
+            Self::Never(_) => None,
+        }
+    }
 }
 
 /// The word `Unlimited`.

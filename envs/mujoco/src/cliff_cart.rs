@@ -1,0 +1,247 @@
+//! `mujoco/cliff-cart`: a cart that must stop a hand's breadth before the edge of a table.
+
+use rand::RngExt;
+use rand_pcg::Pcg64;
+use shield_api::{Result, StepOutcome};
+
+use crate::reward::{tolerance, wrapped};
+use crate::simulation::Simulation;
+use crate::task::{Task, check_start_noise};
+
+shield_api::config! {
+    /// Settings of the cart.
+    pub struct CliffCartConfig {
+        /// Steps of an episode, of 0.05 s each.
+        horizon: usize = 100,
+        /// A hard reset draws position (m) and velocity (m/s) uniformly from ± this.
+        start_noise: f64 = 0.05,
+    }
+}
+
+/// Where the task is achieved: a hand's breadth from the edge at x = 1.
+const GOAL: f64 = 0.9;
+
+/// The quantities of the cart that the task speaks of.
+struct Cart<'a>(&'a Simulation);
+
+impl Cart<'_> {
+    fn position(&self) -> f64 {
+        self.0.positions()[0]
+    }
+
+    /// Of the cart's centre above where it is when it stands on the table.
+    fn height(&self) -> f64 {
+        self.0.positions()[1]
+    }
+
+    fn pitch(&self) -> f64 {
+        wrapped(self.0.positions()[2])
+    }
+
+    fn speed(&self) -> f64 {
+        self.0.velocities()[0].abs()
+    }
+
+    /// The centre is still above the table's top, which is 0.05 below where it rests.
+    fn is_on_table(&self) -> bool {
+        self.height() > -0.05
+    }
+
+    /// The whole cart is below the table's top, or will be in an instant: nothing lifts it again.
+    fn has_fallen(&self) -> bool {
+        self.height() < -0.1
+    }
+}
+
+/// The task on the cart's model.
+pub struct CliffCart {
+    config: CliffCartConfig,
+}
+
+impl CliffCart {
+    /// Half for being near the goal at all, which shows the way from afar; half for being within centimetres of it, without
+    /// which the last hand's breadth before the edge is worth as much as the goal. In [0, 1].
+    fn nearness(distance: f64) -> f64 {
+        let at_goal = [0.0, 0.02];
+        0.5 * tolerance(distance, at_goal, 0.9) + 0.5 * tolerance(distance, at_goal, 0.15)
+    }
+}
+
+impl Task for CliffCart {
+    type Config = CliffCartConfig;
+
+    const MODEL: &'static str = include_str!("cliff_cart.xml");
+    const SUBSTEPS: usize = 5;
+    /// At rest at the goal: where the reset agent has the furthest to go.
+    const STARTS: &'static [&'static str] = &["goal"];
+
+    fn new(config: CliffCartConfig) -> Result<Self> {
+        check_start_noise(config.start_noise)?;
+        Ok(Self { config })
+    }
+
+    fn horizon(&self) -> usize {
+        self.config.horizon
+    }
+
+    fn place(&self, start: Option<&str>, rng: &mut Pcg64, positions: &mut [f64], velocities: &mut [f64]) {
+        match start {
+            Some(_) => positions[0] = GOAL,
+            None => {
+                let noise = self.config.start_noise;
+                positions[0] = rng.random_range(-noise..=noise);
+                velocities[0] = rng.random_range(-noise..=noise);
+            }
+        }
+    }
+
+    fn outcome(&self, simulation: &Simulation) -> StepOutcome {
+        let cart = Cart(simulation);
+        let on_table = if cart.is_on_table() { 1.0 } else { 0.0 };
+        let distance = (cart.position() - GOAL).abs();
+        let upright = tolerance(cart.pitch(), [-0.1, 0.1], 0.5);
+        StepOutcome {
+            forward_reward: (on_table * Self::nearness(distance)) as f32,
+            reset_reward: (on_table * upright * tolerance(cart.position(), [-0.05, 0.05], 1.0)) as f32,
+            in_reset_set: cart.is_on_table()
+                && cart.position().abs() < 0.1
+                && cart.pitch().abs() < 0.2
+                && cart.speed() < 0.3,
+            terminated: false,
+            success: cart.is_on_table() && distance < 0.05 && cart.speed() < 0.1,
+            irreversible: cart.has_fallen(),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use shield_api::Environment;
+
+    use super::*;
+    use crate::suite::{make, pseudo_random_actions, value_of_staying};
+    use crate::task::Robot;
+
+    type CartRobot = Robot<CliffCart>;
+
+    /// A spring towards `target` with enough damping not to overshoot.
+    fn controller(observation: &[f32], target: f32) -> f32 {
+        (6.0 * (target - observation[0]) - 4.0 * observation[3]).clamp(-1.0, 1.0)
+    }
+
+    fn drive(cart: &mut CartRobot, observation: &mut [f32], steps: usize, target: f32) -> Vec<StepOutcome> {
+        (0..steps)
+            .map(|_| {
+                let action = controller(observation, target);
+                cart.step(&[action], observation).unwrap()
+            })
+            .collect()
+    }
+
+    fn push(cart: &mut CartRobot, observation: &mut [f32], steps: usize, action: f32) -> StepOutcome {
+        (0..steps).map(|_| cart.step(&[action], observation).unwrap()).last().unwrap()
+    }
+
+    #[test]
+    fn a_simple_controller_reaches_the_goal_and_returns_to_the_reset_set() {
+        let mut observation = [0.0; 6];
+        let mut cart: CartRobot = make("()");
+        for seed in 0..5 {
+            cart.reset(seed, &mut observation).unwrap();
+            let there = drive(&mut cart, &mut observation, 50, GOAL as f32);
+            assert!(there[49].success && there[49].forward_reward > 0.99, "{:?}", there[49]);
+            assert!(there.iter().all(|outcome| !outcome.irreversible));
+            let back = drive(&mut cart, &mut observation, 50, 0.0);
+            assert!(back[49].in_reset_set && back[49].reset_reward > 0.99, "{:?}", back[49]);
+        }
+    }
+
+    #[test]
+    fn full_speed_ahead_falls_and_nothing_brings_the_cart_back() {
+        let mut observation = [0.0; 6];
+        let mut cart: CartRobot = make("()");
+        cart.reset(0, &mut observation).unwrap();
+        let fallen = push(&mut cart, &mut observation, 50, 1.0);
+        assert!(fallen.irreversible && !fallen.terminated && !fallen.in_reset_set);
+        for action in pseudo_random_actions(1, 300) {
+            // Three steps each: long pushes, which reach further than noise.
+            let outcome = push(&mut cart, &mut observation, 3, action[0].signum());
+            assert!(outcome.irreversible && !outcome.in_reset_set && !outcome.success);
+            assert_eq!((outcome.forward_reward, outcome.reset_reward), (0.0, 0.0));
+        }
+    }
+
+    #[test]
+    fn whoever_has_just_fallen_cannot_brake_back_onto_the_table() {
+        let mut observation = [0.0; 6];
+        let mut cart: CartRobot = make("()");
+        let mut slow_falls = 0;
+        for percent in 2..60 {
+            cart.reset_to("goal", 0, &mut observation).unwrap();
+            let mut steps = 0;
+            while !push(&mut cart, &mut observation, 1, percent as f32 / 100.0).irreversible && steps < 200 {
+                steps += 1;
+            }
+            if steps < 200 {
+                slow_falls += 1;
+                let outcome = push(&mut cart, &mut observation, 100, -1.0);
+                assert!(outcome.irreversible, "after a push of {percent}%: {observation:?}");
+            }
+        }
+        assert!(slow_falls > 30, "{slow_falls}");
+    }
+
+    #[test]
+    fn braking_at_the_last_moment_is_too_late() {
+        // Momentum matters: from full speed at x = 0.8, where a slow cart is safe, full brakes do not hold.
+        let mut observation = [0.0; 6];
+        let mut cart: CartRobot = make("(start_noise: 0.0)");
+        cart.reset(0, &mut observation).unwrap();
+        while observation[0] < 0.75 {
+            push(&mut cart, &mut observation, 1, 1.0);
+        }
+        assert!(push(&mut cart, &mut observation, 60, -1.0).irreversible);
+        cart.reset(0, &mut observation).unwrap();
+        drive(&mut cart, &mut observation, 60, 0.8);
+        let held = push(&mut cart, &mut observation, 2, 1.0);
+        assert!(!held.irreversible);
+        assert!(!push(&mut cart, &mut observation, 60, -1.0).irreversible);
+    }
+
+    #[test]
+    fn the_other_side_is_safe() {
+        let mut observation = [0.0; 6];
+        let mut cart: CartRobot = make("()");
+        cart.reset(0, &mut observation).unwrap();
+        assert!(!push(&mut cart, &mut observation, 200, -1.0).irreversible);
+        let back = drive(&mut cart, &mut observation, 100, 0.0);
+        assert!(back[99].in_reset_set);
+    }
+
+    #[test]
+    fn the_reset_value_tells_the_reset_set_from_the_pit() {
+        let mut observation = [0.0; 6];
+        let mut cart: CartRobot = make("()");
+        cart.reset(0, &mut observation).unwrap();
+        let safe = value_of_staying(&mut cart);
+        push(&mut cart, &mut observation, 60, 1.0);
+        let lost = value_of_staying(&mut cart);
+        assert!(safe > 99.0 && lost == 0.0, "{safe} {lost}");
+    }
+
+    #[test]
+    fn each_field_of_the_configuration_is_heeded() {
+        let cart: CartRobot = make("(horizon: 7)");
+        assert_eq!(cart.spec().episode_length, 7);
+        let mut observation = [0.0; 6];
+        let mut still: CartRobot = make("(start_noise: 0.0)");
+        still.reset(3, &mut observation).unwrap();
+        assert_eq!(observation, [0.0; 6]);
+        let mut noisy: CartRobot = make("(start_noise: 0.2)");
+        let largest = (0..50).fold(0.0f32, |largest, seed| {
+            noisy.reset(seed, &mut observation).unwrap();
+            largest.max(observation[0].abs())
+        });
+        assert!(largest > 0.1 && largest <= 0.2, "{largest}");
+    }
+}

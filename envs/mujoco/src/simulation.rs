@@ -1,0 +1,108 @@
+//! A model and its state: stepping, placing, keeping. Knows no task.
+
+use mujoco_rs::prelude::{MjData, MjModel, MjtState};
+use shield_api::{Error, Result, Space, check_finite};
+
+/// Everything that the next step depends on, the solver's warm start included: with it, a simulation continues bit for bit.
+const FULL_STATE: u32 = MjtState::mjSTATE_INTEGRATION as u32;
+
+/// From here on MuJoCo itself calls a position or velocity bad (`mjMAXVAL`).
+const DIVERGED: f64 = 1e10;
+
+/// A MuJoCo model with its current state.
+pub struct Simulation {
+    data: MjData<Box<MjModel>>,
+    /// Lowest and highest control of each actuator.
+    control_range: Vec<[f64; 2]>,
+}
+
+impl Simulation {
+    /// Compiles a model and places it in its default pose.
+    ///
+    /// # Errors
+    /// The model does not compile, or there is no memory for it.
+    pub fn new(xml: &str) -> Result<Self> {
+        let failed =
+            |error: &dyn std::fmt::Display| Error::failed(format!("MuJoCo refuses the model: {error}"));
+        let model = MjModel::from_xml_string(xml).map_err(|error| failed(&error))?;
+        let control_range = model.actuator_ctrlrange().to_vec();
+        let data = MjData::try_new(Box::new(model)).map_err(|error| failed(&error))?;
+        Ok(Self { data, control_range })
+    }
+
+    /// Generalised positions, one per joint.
+    pub fn positions(&self) -> &[f64] {
+        self.data.qpos()
+    }
+
+    /// Generalised velocities, one per joint.
+    pub fn velocities(&self) -> &[f64] {
+        self.data.qvel()
+    }
+
+    /// The actuators' ranges of control.
+    pub fn action_space(&self) -> Space {
+        let bound = |index: usize| self.control_range.iter().map(|range| range[index] as f32).collect();
+        Space::Box { low: bound(0), high: bound(1) }
+    }
+
+    /// Returns to the default pose at rest, which `place` may then alter: it is given positions and velocities.
+    pub fn reset(&mut self, place: impl FnOnce(&mut [f64], &mut [f64])) {
+        self.data.reset();
+        let (mut positions, mut velocities) = (self.data.qpos().to_vec(), self.data.qvel().to_vec());
+        place(&mut positions, &mut velocities);
+        self.data.qpos_mut().copy_from_slice(&positions);
+        self.data.qvel_mut().copy_from_slice(&velocities);
+    }
+
+    /// Holds `action`, clipped to the actuators' ranges, for `substeps` of the model's time step.
+    ///
+    /// # Errors
+    /// An action of the wrong length or that is not finite is refused, and the state is as before. A simulation that diverges
+    /// is an error until the next reset.
+    pub fn advance(&mut self, action: &[f32], substeps: usize) -> Result<()> {
+        check_finite("action", action, self.control_range.len())?;
+        for ((control, value), [low, high]) in
+            self.data.ctrl_mut().iter_mut().zip(action).zip(&self.control_range)
+        {
+            *control = f64::from(*value).clamp(*low, *high);
+        }
+        for _ in 0..substeps {
+            self.data.step();
+        }
+        let mut state = self.positions().iter().chain(self.velocities());
+        // NaN is not below the bound either.
+        if state.all(|value| value.abs() < DIVERGED) {
+            Ok(())
+        } else {
+            Err(Error::failed("the simulation diverged; only a hard reset leads on"))
+        }
+    }
+
+    /// Appends the full state.
+    pub fn save(&self, bytes: &mut Vec<u8>) {
+        bytes.extend(self.data.state(FULL_STATE).iter().flat_map(|value| value.to_le_bytes()));
+    }
+
+    /// Restores what [`save`](Self::save) appended. On an error the state is as before.
+    ///
+    /// # Errors
+    /// The length is wrong, or a value is not finite.
+    pub fn load(&mut self, bytes: &[u8]) -> Result<()> {
+        let (values, rest) = bytes.as_chunks::<8>();
+        let state: Vec<f64> = values.iter().map(|value| f64::from_le_bytes(*value)).collect();
+        let expected = self.data.model().state_size(FULL_STATE);
+        if state.len() != expected || !rest.is_empty() || state.iter().any(|value| !value.is_finite()) {
+            return Err(Error::invalid_argument(format!(
+                "a state of this model is {expected} finite numbers"
+            )));
+        }
+        self.data.set_state(&state, FULL_STATE).map_err(|error| Error::failed(error.to_string()))
+    }
+
+    /// The compiled model, to compare with published figures.
+    #[cfg(test)]
+    pub fn model(&self) -> &MjModel {
+        self.data.model()
+    }
+}

@@ -1,0 +1,169 @@
+//! What one robot's file provides, and the environment that is made of it.
+
+use rand::SeedableRng;
+use rand_pcg::Pcg64;
+use shield_api::{
+    Checkpoint, Environment, EnvironmentSpec, Error, Plugin, PluginConfig, Result, Setup, Space, Spaces,
+    StepOutcome, check_length,
+};
+
+use crate::simulation::Simulation;
+
+/// A robot's task: where it starts, what it sees, what is rewarded, what counts as reset and what cannot be undone. The
+/// physics is the model's alone.
+pub trait Task: Send + Sized + 'static {
+    /// The plugin's configuration.
+    type Config: PluginConfig;
+
+    /// The model in MuJoCo's XML.
+    const MODEL: &'static str;
+    /// How many time steps of the model one action is held.
+    const SUBSTEPS: usize;
+    /// Names of the starts beside the usual one.
+    const STARTS: &'static [&'static str] = &[];
+
+    /// Checks the configuration.
+    ///
+    /// # Errors
+    /// A value that cannot be.
+    fn new(config: Self::Config) -> Result<Self>;
+
+    /// Steps of an episode.
+    fn horizon(&self) -> usize;
+
+    /// Alters the default pose at rest into an initial state; `start` is one of [`STARTS`](Self::STARTS) or `None`.
+    fn place(&self, start: Option<&str>, rng: &mut Pcg64, positions: &mut [f64], velocities: &mut [f64]);
+
+    /// Rewards and flags of the state that an action led to.
+    fn outcome(&self, simulation: &Simulation) -> StepOutcome;
+}
+
+/// The environment of a task. It observes the positions, then the velocities.
+pub struct Robot<T> {
+    task: T,
+    simulation: Simulation,
+}
+
+impl<T: Task> Robot<T> {
+    /// To place the robot where a test wants it.
+    #[cfg(test)]
+    pub fn simulation_mut(&mut self) -> &mut Simulation {
+        &mut self.simulation
+    }
+
+    fn observation_len(&self) -> usize {
+        self.simulation.positions().len() + self.simulation.velocities().len()
+    }
+
+    fn observe(&self, observation: &mut [f32]) {
+        let state = self.simulation.positions().iter().chain(self.simulation.velocities());
+        for (seen, value) in observation.iter_mut().zip(state) {
+            *seen = *value as f32;
+        }
+    }
+
+    fn start(&mut self, start: Option<&str>, seed: u64, observation: &mut [f32]) -> Result<()> {
+        check_length("observation", observation, self.observation_len())?;
+        let mut rng = Pcg64::seed_from_u64(seed);
+        let task = &self.task;
+        self.simulation.reset(|positions, velocities| task.place(start, &mut rng, positions, velocities));
+        self.observe(observation);
+        Ok(())
+    }
+
+    /// What every saved state begins with, so that it is not taken for a state of another model.
+    fn save_header() -> [u8; 16] {
+        let mut header = *b"MJSTATE1........";
+        header[8..].copy_from_slice(&fnv1a(T::MODEL.as_bytes()).to_le_bytes());
+        header
+    }
+}
+
+impl<T: Task> Plugin for Robot<T> {
+    type Config = T::Config;
+
+    fn create(config: T::Config, _setup: &Setup) -> Result<Self> {
+        let task = T::new(config)?;
+        if task.horizon() == 0 {
+            return Err(Error::invalid_config("horizon is 0; an episode has at least 1 step"));
+        }
+        Ok(Self { task, simulation: Simulation::new(T::MODEL)? })
+    }
+}
+
+impl<T: Task> Checkpoint for Robot<T> {
+    fn save(&self, bytes: &mut Vec<u8>) -> Result<()> {
+        bytes.extend(Self::save_header());
+        self.simulation.save(bytes);
+        Ok(())
+    }
+
+    fn load(&mut self, bytes: &[u8]) -> Result<()> {
+        let state = bytes
+            .strip_prefix(&Self::save_header())
+            .ok_or_else(|| Error::invalid_argument("these bytes are not a state of this robot's model"))?;
+        self.simulation.load(state)
+    }
+}
+
+impl<T: Task> Environment for Robot<T> {
+    fn spec(&self) -> EnvironmentSpec {
+        EnvironmentSpec {
+            spaces: Spaces {
+                observation: Space::unbounded(self.observation_len()),
+                action: self.simulation.action_space(),
+            },
+            episode_length: self.task.horizon(),
+            brings_reset_reward: true,
+        }
+    }
+
+    fn reset(&mut self, seed: u64, observation: &mut [f32]) -> Result<()> {
+        self.start(None, seed, observation)
+    }
+
+    fn step(&mut self, action: &[f32], observation: &mut [f32]) -> Result<StepOutcome> {
+        check_length("observation", observation, self.observation_len())?;
+        self.simulation.advance(action, T::SUBSTEPS)?;
+        self.observe(observation);
+        Ok(self.task.outcome(&self.simulation))
+    }
+
+    fn starts(&self) -> Vec<String> {
+        T::STARTS.iter().map(ToString::to_string).collect()
+    }
+
+    fn reset_to(&mut self, start: &str, seed: u64, observation: &mut [f32]) -> Result<()> {
+        if !T::STARTS.contains(&start) {
+            return Err(Error::invalid_argument(format!(
+                "this robot has no start named {start:?}; its starts are {:?}",
+                T::STARTS
+            )));
+        }
+        self.start(Some(start), seed, observation)
+    }
+}
+
+/// The 64-bit FNV-1a hash: tells two models apart, the same on every machine.
+const fn fnv1a(bytes: &[u8]) -> u64 {
+    let mut hash = 0xcbf2_9ce4_8422_2325;
+    let mut index = 0;
+    while index < bytes.len() {
+        hash = (hash ^ bytes[index] as u64).wrapping_mul(0x100_0000_01b3);
+        index += 1;
+    }
+    hash
+}
+
+/// Refuses a size of start noise that is negative or not finite.
+///
+/// # Errors
+/// [`ErrorKind::InvalidConfig`](shield_api::ErrorKind::InvalidConfig), naming the value.
+pub fn check_start_noise(noise: f64) -> Result<()> {
+    let is_valid = noise.is_finite() && noise >= 0.0;
+    if is_valid {
+        Ok(())
+    } else {
+        Err(Error::invalid_config(format!("start_noise is {noise}; it must be finite and not negative")))
+    }
+}

@@ -1,0 +1,93 @@
+//! Adam (Kingma and Ba 2015, algorithm 1) with the soft update of the target weights in the same pass over memory.
+
+use serde::{Deserialize, Serialize};
+
+use crate::{Real, kernels::vectorised};
+
+/// Constants of the optimiser.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Adam {
+    /// Step size α.
+    pub rate: f64,
+    /// β₁, decay of the first moment.
+    pub beta1: f64,
+    /// β₂, decay of the second moment.
+    pub beta2: f64,
+    /// ε, added to the root of the second moment.
+    pub epsilon: f64,
+}
+
+impl Adam {
+    /// The constants of the paper, with the given step size.
+    pub fn new(rate: f64) -> Self {
+        Self { rate, beta1: 0.9, beta2: 0.999, epsilon: 1e-8 }
+    }
+
+    /// One step, the `step`-th counted from 1; then target ← target + τ (weight − target).
+    pub(crate) fn apply<T: Real>(&self, slices: Slices<'_, T>, gradients: &[T], step: u64, tau: f64) {
+        let step = i32::try_from(step).unwrap_or(i32::MAX);
+        let (beta1, beta2) = (T::from_f64(self.beta1), T::from_f64(self.beta2));
+        let (rest1, rest2) = (T::from_f64(1.0 - self.beta1), T::from_f64(1.0 - self.beta2));
+        let rate = T::from_f64(self.rate / (1.0 - self.beta1.powi(step)));
+        let root = T::from_f64(1.0 / (1.0 - self.beta2.powi(step)).sqrt());
+        let (epsilon, tau) = (T::from_f64(self.epsilon), T::from_f64(tau));
+        let Slices { weights, targets, first, second } = slices;
+        vectorised(
+            #[inline(always)]
+            || {
+                let moments = first.iter_mut().zip(second);
+                let state = weights.iter_mut().zip(targets).zip(moments);
+                for (((weight, target), (first, second)), gradient) in state.zip(gradients) {
+                    let gradient = *gradient;
+                    *first = first.mul_add(beta1, rest1 * gradient);
+                    *second = second.mul_add(beta2, rest2 * gradient * gradient);
+                    *weight -= rate * *first / second.sqrt().mul_add(root, epsilon);
+                    *target = (*weight - *target).mul_add(tau, *target);
+                }
+            },
+        );
+    }
+}
+
+/// What one step changes.
+pub(crate) struct Slices<'a, T> {
+    pub(crate) weights: &'a mut [T],
+    pub(crate) targets: &'a mut [T],
+    pub(crate) first: &'a mut [T],
+    pub(crate) second: &'a mut [T],
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_step_is_the_textbook_s() {
+        let adam = Adam::new(0.01);
+        let gradients = [[0.5, -2.0, 1e-4], [-0.1, 3.0, 0.0], [0.7, 0.2, -1e-3]];
+        let mut weights = [1.0, -1.0, 0.0];
+        let mut targets = weights;
+        let (mut first, mut second) = ([0.0; 3], [0.0; 3]);
+        let (mut w, mut t, mut m, mut v) = (weights, targets, [0.0_f64; 3], [0.0_f64; 3]);
+        for (index, gradient) in gradients.iter().enumerate() {
+            let step = index as i32 + 1;
+            let slices = Slices {
+                weights: &mut weights,
+                targets: &mut targets,
+                first: &mut first,
+                second: &mut second,
+            };
+            adam.apply(slices, gradient, step as u64, 0.1);
+            for i in 0..3 {
+                m[i] = 0.9 * m[i] + 0.1 * gradient[i];
+                v[i] = 0.999 * v[i] + 0.001 * gradient[i].powi(2);
+                let m_hat = m[i] / (1.0 - 0.9_f64.powi(step));
+                let v_hat = v[i] / (1.0 - 0.999_f64.powi(step));
+                w[i] -= 0.01 * m_hat / (v_hat.sqrt() + 1e-8);
+                t[i] = 0.9 * t[i] + 0.1 * w[i];
+                assert!((weights[i] - w[i]).abs() < 1e-12, "weight {i} after {step}");
+                assert!((targets[i] - t[i]).abs() < 1e-12, "target {i} after {step}");
+            }
+        }
+    }
+}

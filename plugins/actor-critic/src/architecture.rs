@@ -1,0 +1,186 @@
+//! The shape of a network: its layers, where their weights lie in the flat buffer, and where the action enters.
+
+use rand::{Rng, RngExt};
+use serde::{Deserialize, Serialize};
+
+use crate::{Error, Real};
+
+/// What follows the affine part of a hidden layer.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Activation {
+    /// tanh.
+    Tanh,
+    /// max(x, 0).
+    Relu,
+}
+
+/// One affine layer. Its weights lie at `offset`: `inputs × outputs` row-major, then the rows of the action
+/// (`action_inputs × outputs`), then the bias (`outputs`).
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Layer {
+    pub(crate) inputs: usize,
+    pub(crate) action_inputs: usize,
+    pub(crate) outputs: usize,
+    pub(crate) offset: usize,
+    /// How many outputs the layers before have together.
+    pub(crate) outputs_before: usize,
+    pub(crate) activation: Option<Activation>,
+}
+
+/// The three parts of a layer's weights.
+pub(crate) struct Parts<S> {
+    pub(crate) weights: S,
+    pub(crate) action_weights: S,
+    pub(crate) bias: S,
+}
+
+impl Layer {
+    fn parameter_len(&self) -> usize {
+        (self.inputs + self.action_inputs + 1) * self.outputs
+    }
+
+    pub(crate) fn parts<'a, T>(&self, parameters: &'a [T]) -> Parts<&'a [T]> {
+        let own = &parameters[self.offset..self.offset + self.parameter_len()];
+        let (weights, rest) = own.split_at(self.inputs * self.outputs);
+        let (action_weights, bias) = rest.split_at(self.action_inputs * self.outputs);
+        Parts { weights, action_weights, bias }
+    }
+
+    pub(crate) fn parts_mut<'a, T>(&self, parameters: &'a mut [T]) -> Parts<&'a mut [T]> {
+        let own = &mut parameters[self.offset..self.offset + self.parameter_len()];
+        let (weights, rest) = own.split_at_mut(self.inputs * self.outputs);
+        let (action_weights, bias) = rest.split_at_mut(self.action_inputs * self.outputs);
+        Parts { weights, action_weights, bias }
+    }
+}
+
+/// A multi-layer perceptron.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Architecture {
+    pub(crate) layers: Vec<Layer>,
+    /// The layer whose input is concatenated with the action; the number of layers if there is none.
+    pub(crate) join: usize,
+    observation_len: usize,
+    action_len: usize,
+}
+
+impl Architecture {
+    /// Q(s, a): the observation passes the first hidden layer, the action is concatenated, the rest follows (Lillicrap et
+    /// al. 2015; Leave no Trace, appendix C). With a single hidden layer the action enters beside the observation.
+    ///
+    /// # Errors
+    /// [`Error::Shape`] for an empty layer or none.
+    pub fn critic(
+        observation_len: usize,
+        action_len: usize,
+        hidden: &[usize],
+        activation: Activation,
+    ) -> Result<Self, Error> {
+        let join = 1.min(hidden.len().saturating_sub(1));
+        Self::new(observation_len, hidden, 1, activation, None, Some((join, action_len)))
+    }
+
+    /// π(s) in [-1, 1]: hidden layers, then tanh.
+    ///
+    /// # Errors
+    /// [`Error::Shape`] for an empty layer or none.
+    pub fn actor(
+        observation_len: usize,
+        action_len: usize,
+        hidden: &[usize],
+        activation: Activation,
+    ) -> Result<Self, Error> {
+        Self::new(observation_len, hidden, action_len, activation, Some(Activation::Tanh), None)
+    }
+
+    fn new(
+        observation_len: usize,
+        hidden: &[usize],
+        outputs: usize,
+        activation: Activation,
+        output_activation: Option<Activation>,
+        joined: Option<(usize, usize)>,
+    ) -> Result<Self, Error> {
+        let (join, action_len) = joined.unwrap_or((hidden.len() + 1, 0));
+        let is_buildable = observation_len > 0 && outputs > 0 && !hidden.is_empty() && !hidden.contains(&0);
+        if !is_buildable {
+            return Err(Error::Shape { inputs: observation_len, hidden: hidden.to_vec() });
+        }
+        let mut layers: Vec<Layer> = Vec::new();
+        for (index, outputs) in hidden.iter().chain([&outputs]).enumerate() {
+            let before = layers.last();
+            layers.push(Layer {
+                inputs: before.map_or(observation_len, |layer| layer.outputs),
+                action_inputs: if index == join { action_len } else { 0 },
+                outputs: *outputs,
+                offset: before.map_or(0, |layer| layer.offset + layer.parameter_len()),
+                outputs_before: before.map_or(0, |layer| layer.outputs_before + layer.outputs),
+                activation: if index == hidden.len() { output_activation } else { Some(activation) },
+            });
+        }
+        Ok(Self { layers, join, observation_len, action_len })
+    }
+
+    /// How many values an observation has.
+    pub fn observation_len(&self) -> usize {
+        self.observation_len
+    }
+
+    /// How many values the action has that enters; 0 for an actor.
+    pub fn action_len(&self) -> usize {
+        self.action_len
+    }
+
+    /// How many values the network returns for one row.
+    pub fn output_len(&self) -> usize {
+        self.last().outputs
+    }
+
+    /// How many weights and biases there are.
+    pub fn parameter_len(&self) -> usize {
+        self.last().offset + self.last().parameter_len()
+    }
+
+    /// How many values all layers return for one row.
+    pub(crate) fn activation_len(&self) -> usize {
+        self.last().outputs_before + self.last().outputs
+    }
+
+    pub(crate) fn last(&self) -> &Layer {
+        &self.layers[self.layers.len() - 1]
+    }
+
+    /// Draws initial weights as Lillicrap et al. 2015, section 7: uniform in ±1/√fan-in, the last layer in ±3e-3.
+    pub(crate) fn initialise<T: Real>(&self, parameters: &mut [T], rng: &mut impl Rng) {
+        for (index, layer) in self.layers.iter().enumerate() {
+            let is_last = index + 1 == self.layers.len();
+            let bound =
+                if is_last { 3e-3 } else { 1.0 / ((layer.inputs + layer.action_inputs) as f64).sqrt() };
+            for weight in &mut parameters[layer.offset..layer.offset + layer.parameter_len()] {
+                *weight = T::from_f64(rng.random_range(-bound..bound));
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_papers_critic_has_its_published_number_of_weights() {
+        let critic = Architecture::critic(18, 6, &[400, 300], Activation::Tanh).unwrap();
+        assert_eq!(critic.parameter_len(), 18 * 400 + 400 + 406 * 300 + 300 + 300 + 1);
+        assert_eq!((critic.join, critic.output_len(), critic.activation_len()), (1, 1, 701));
+        let actor = Architecture::actor(18, 6, &[400, 300], Activation::Tanh).unwrap();
+        assert_eq!(actor.parameter_len(), 18 * 400 + 400 + 400 * 300 + 300 + 300 * 6 + 6);
+    }
+
+    #[test]
+    fn networks_that_cannot_be_are_refused() {
+        for hidden in [&[][..], &[0], &[4, 0]] {
+            assert!(Architecture::critic(3, 1, hidden, Activation::Tanh).is_err(), "{hidden:?}");
+        }
+        assert!(Architecture::actor(0, 1, &[4], Activation::Tanh).is_err());
+    }
+}

@@ -1,0 +1,209 @@
+//! Networks of one shape, their weights side by side, worked on by a fixed number of threads.
+
+use rand::Rng;
+use rayon::prelude::*;
+use serde::{Deserialize, Serialize};
+
+use crate::{Architecture, Error, Member, Real, adam::Slices, pass::Workspace};
+
+/// What an ensemble remembers: everything that the next step depends on. Each member's parameters lie together.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(bound = "")]
+pub struct EnsembleState<T: Real> {
+    weights: Vec<T>,
+    targets: Vec<T>,
+    first_moments: Vec<T>,
+    second_moments: Vec<T>,
+    steps: u64,
+}
+
+/// An ensemble of networks with target networks and optimiser state.
+///
+/// Members are dealt out to threads in contiguous runs and each is worked on by one thread alone, so results are bitwise
+/// independent of the number of threads. A member is taken through all steps of an update before the next, while its weights
+/// are in the cache. After the first call with the largest batch nothing is allocated, except, with several threads, one
+/// block per 63 calls in rayon's queue.
+#[derive(Debug)]
+pub struct Ensemble<T: Real> {
+    architecture: Architecture,
+    members: usize,
+    state: EnsembleState<T>,
+    workspaces: Vec<Workspace<T>>,
+    pool: Option<rayon::ThreadPool>,
+}
+
+impl<T: Real> Ensemble<T> {
+    /// Draws initial weights (Lillicrap et al. 2015); target networks begin equal.
+    ///
+    /// # Errors
+    /// [`Error::NoMembers`], or [`Error::Threads`] if they cannot be started.
+    pub fn new(
+        architecture: Architecture,
+        members: usize,
+        threads: usize,
+        rng: &mut impl Rng,
+    ) -> Result<Self, Error> {
+        if members == 0 {
+            return Err(Error::NoMembers);
+        }
+        let length = architecture.parameter_len();
+        let mut weights = vec![T::ZERO; members * length];
+        for weights in weights.chunks_exact_mut(length) {
+            architecture.initialise(weights, rng);
+        }
+        let workers = threads.clamp(1, members);
+        let pool = match workers {
+            1 => None,
+            _ => Some(
+                rayon::ThreadPoolBuilder::new()
+                    .num_threads(workers)
+                    .build()
+                    .map_err(|error| Error::Threads(error.to_string()))?,
+            ),
+        };
+        let zeros = vec![T::ZERO; weights.len()];
+        let state = EnsembleState {
+            targets: weights.clone(),
+            weights,
+            first_moments: zeros.clone(),
+            second_moments: zeros,
+            steps: 0,
+        };
+        Ok(Self { architecture, members, state, workspaces: vec![Workspace::default(); workers], pool })
+    }
+
+    /// How many networks there are.
+    pub fn members(&self) -> usize {
+        self.members
+    }
+
+    /// Their common shape.
+    pub fn architecture(&self) -> &Architecture {
+        &self.architecture
+    }
+
+    /// How many optimiser steps every member has taken.
+    pub fn steps(&self) -> u64 {
+        self.state.steps
+    }
+
+    /// Says that every member has taken a step. To be called once per update, after the members' own steps.
+    pub fn count_step(&mut self) {
+        self.state.steps += 1;
+    }
+
+    /// Adds `value` to the bias of every network's outputs, target networks included: optimistic initial values.
+    pub fn raise_outputs(&mut self, value: T) {
+        let (architecture, length) = (&self.architecture, self.architecture.parameter_len());
+        for parameters in [&mut self.state.weights, &mut self.state.targets] {
+            for member in parameters.chunks_exact_mut(length) {
+                for bias in architecture.last().parts_mut(member).bias {
+                    *bias += value;
+                }
+            }
+        }
+    }
+
+    /// One member, worked on by the calling thread.
+    pub fn member(&mut self, index: usize) -> Member<'_, T> {
+        let length = self.architecture.parameter_len();
+        let range = index * length..(index + 1) * length;
+        Member {
+            index,
+            architecture: &self.architecture,
+            slices: Slices {
+                weights: &mut self.state.weights[range.clone()],
+                targets: &mut self.state.targets[range.clone()],
+                first: &mut self.state.first_moments[range.clone()],
+                second: &mut self.state.second_moments[range],
+            },
+            workspace: &mut self.workspaces[0],
+            next_step: self.state.steps + 1,
+        }
+    }
+
+    /// Calls `work` once per member, with that member's entry of `results`, spread over the threads.
+    ///
+    /// # Panics
+    /// If `results` has not one entry per member.
+    pub fn for_each_member<R: Send>(
+        &mut self,
+        results: &mut [R],
+        work: impl Fn(&mut Member<'_, T>, &mut R) + Sync,
+    ) {
+        assert_eq!(results.len(), self.members, "one result per member");
+        let length = self.architecture.parameter_len();
+        let share = self.members.div_ceil(self.workspaces.len());
+        let next_step = self.state.steps + 1;
+        let architecture = &self.architecture;
+        let EnsembleState { weights, targets, first_moments, second_moments, .. } = &mut self.state;
+
+        let run =
+            |first_index: usize, slices: Slices<'_, T>, results: &mut [R], workspace: &mut Workspace<T>| {
+                let parameters =
+                    slices.weights.chunks_exact_mut(length).zip(slices.targets.chunks_exact_mut(length));
+                let moments =
+                    slices.first.chunks_exact_mut(length).zip(slices.second.chunks_exact_mut(length));
+                for (offset, (((weights, targets), (first, second)), result)) in
+                    parameters.zip(moments).zip(results).enumerate()
+                {
+                    let slices = Slices { weights, targets, first, second };
+                    let index = first_index + offset;
+                    work(&mut Member { index, architecture, slices, workspace, next_step }, result);
+                }
+            };
+        let Some(pool) = &self.pool else {
+            let slices = Slices { weights, targets, first: first_moments, second: second_moments };
+            return run(0, slices, results, &mut self.workspaces[0]);
+        };
+        let workspaces = &mut self.workspaces;
+        pool.install(|| {
+            weights
+                .par_chunks_mut(share * length)
+                .zip(targets.par_chunks_mut(share * length))
+                .zip(first_moments.par_chunks_mut(share * length))
+                .zip(second_moments.par_chunks_mut(share * length))
+                .zip(results.par_chunks_mut(share))
+                .zip(workspaces)
+                .enumerate()
+                .for_each(|(chunk, (((((weights, targets), first), second), results), workspace))| {
+                    run(chunk * share, Slices { weights, targets, first, second }, results, workspace);
+                });
+        });
+    }
+
+    /// Everything that must be kept to continue exactly.
+    pub fn state(&self) -> &EnsembleState<T> {
+        &self.state
+    }
+
+    /// Whether `state` could be restored.
+    ///
+    /// # Errors
+    /// [`Error::StateLength`] for another shape, [`Error::StateNotFinite`] for NaN or infinity.
+    pub fn check_state(&self, state: &EnsembleState<T>) -> Result<(), Error> {
+        let expected = self.state.weights.len();
+        for part in [&state.weights, &state.targets, &state.first_moments, &state.second_moments] {
+            if part.len() != expected {
+                return Err(Error::StateLength { found: part.len(), expected });
+            }
+            if !part.iter().all(|value| Real::is_finite(*value)) {
+                return Err(Error::StateNotFinite);
+            }
+        }
+        Ok(())
+    }
+
+    /// Continues from a state.
+    ///
+    /// # Errors
+    /// As [`check_state`](Self::check_state); nothing has changed then.
+    pub fn restore(&mut self, state: EnsembleState<T>) -> Result<(), Error> {
+        self.check_state(&state)?;
+        self.state = state;
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests;

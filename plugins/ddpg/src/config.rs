@@ -1,0 +1,76 @@
+//! The configuration, and what it may hold.
+
+use actor_critic::{Activation, Loss, NoiseProcess};
+use shield_api::{Error, Result};
+
+shield_api::config! {
+    /// Settings of DDPG. "Paper" is Leave no Trace, appendix C; what it does not give comes from Lillicrap et al. 2015
+    /// (DDPG) and Fujimoto et al. 2018 (TD3).
+    pub struct DdpgConfig {
+        /// How many Q-functions (paper: 20).
+        critics: usize = 20,
+        /// Hidden layers of the actor (paper: 400, 300).
+        actor_hidden: Vec<usize> = vec![400, 300] => "[400, 300]",
+        /// Hidden layers of a critic; the action enters before the second (paper: 400, 300).
+        critic_hidden: Vec<usize> = vec![400, 300] => "[400, 300]",
+        /// Tanh or Relu in hidden layers (paper: tanh).
+        activation: Activation = Activation::Tanh => "Tanh",
+        /// Adam's step size for the actor (DDPG: 1e-4).
+        actor_rate: f64 = 1e-4,
+        /// Adam's step size for the critics (DDPG: 1e-3).
+        critic_rate: f64 = 1e-3,
+        /// γ (paper: 0.99).
+        discount: f32 = 0.99,
+        /// Share by which target networks follow per update (TD3: 0.005).
+        tau: f64 = 0.005,
+        /// Squared or Huber loss of the critics (not given; Huber bounds the step after a rare reward).
+        loss: Loss = Loss::Huber => "Huber",
+        /// Gaussian, or OrnsteinUhlenbeck(theta: 0.15) as in DDPG.
+        noise: NoiseProcess = NoiseProcess::Gaussian => "Gaussian",
+        /// Size of the exploration noise, as a share of half the action's range (DDPG: 0.2).
+        sigma: f32 = 0.2,
+        /// Size of the noise after `sigma_steps`; None: it stays.
+        final_sigma: Option<f32> = None,
+        /// Exploring actions within which the noise moves linearly to `final_sigma`.
+        sigma_steps: u64 = 100_000 => "100000",
+        /// Exploring actions that are uniform in the space, at the beginning (TD3: 1,000 for small tasks).
+        random_steps: u64 = 1_000 => "1000",
+        /// Optimistic initial values: a bias of each critic's last layer, of its target network too.
+        initial_value: Option<f32> = None,
+        /// Longest gradient of each network; None: as it is.
+        gradient_clip: Option<f32> = None,
+        /// Scales observations by the running mean and variance of the batches.
+        normalise_observations: bool = false,
+    }
+}
+
+impl DdpgConfig {
+    /// Refuses values that cannot be. Sizes of networks are checked where these are built.
+    pub(crate) fn validate(&self) -> Result<()> {
+        let positive = |name: &str, value: f64| {
+            check(value.is_finite() && value > 0.0, name, value, "a positive number")
+        };
+        let not_negative =
+            |name: &str, value: f32| check(value.is_finite() && value >= 0.0, name, value, "0 or more");
+        positive("actor_rate", self.actor_rate)?;
+        positive("critic_rate", self.critic_rate)?;
+        check((0.0..=1.0).contains(&self.discount), "discount", self.discount, "in [0, 1]")?;
+        check(self.tau > 0.0 && self.tau <= 1.0, "tau", self.tau, "in (0, 1]")?;
+        if let NoiseProcess::OrnsteinUhlenbeck { theta } = self.noise {
+            check((0.0..=1.0).contains(&theta), "theta", theta, "in [0, 1]")?;
+        }
+        not_negative("sigma", self.sigma)?;
+        not_negative("final_sigma", self.final_sigma.unwrap_or(0.0))?;
+        let initial_value = self.initial_value.unwrap_or(0.0);
+        check(initial_value.is_finite(), "initial_value", initial_value, "finite")?;
+        positive("gradient_clip", f64::from(self.gradient_clip.unwrap_or(1.0)))
+    }
+}
+
+fn check(is_valid: bool, name: &str, value: impl std::fmt::Display, allowed: &str) -> Result<()> {
+    if is_valid {
+        Ok(())
+    } else {
+        Err(Error::invalid_config(format!("{name} is {value}; it must be {allowed}")))
+    }
+}

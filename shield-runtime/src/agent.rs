@@ -1,0 +1,112 @@
+//! The two agents as the loop sees them.
+
+use rand_pcg::Pcg64;
+use shield_api::{ActMode, Learner, LearnerInfo, Policy, Result, Spaces};
+
+use crate::{
+    experience::{AgentRole, BatchBuffers, Experience},
+    plugin,
+};
+
+/// A learner with what it needs to learn from the experience.
+pub struct Agent {
+    role: AgentRole,
+    learner: Box<dyn Learner>,
+    info: LearnerInfo,
+    buffers: BatchBuffers,
+    /// Draws the batches.
+    sampler: Pcg64,
+}
+
+impl Agent {
+    /// Gives a learner its role, its batches of `batch` transitions and its own stream of random numbers.
+    pub fn new(
+        role: AgentRole,
+        learner: Box<dyn Learner>,
+        batch: usize,
+        spaces: &Spaces,
+        sampler: Pcg64,
+    ) -> Self {
+        let info = learner.info();
+        let buffers = BatchBuffers::new(batch, spaces, info.members);
+        Self { role, learner, info, buffers, sampler }
+    }
+
+    /// Ensemble size and discount.
+    pub fn info(&self) -> LearnerInfo {
+        self.info
+    }
+
+    /// The learner itself.
+    pub fn learner(&mut self) -> &mut dyn Learner {
+        &mut *self.learner
+    }
+
+    /// Updates from the experience, once it holds a batch.
+    ///
+    /// # Errors
+    /// The learner failed.
+    pub fn learn(&mut self, experience: &Experience, updates: usize) -> Result<()> {
+        if experience.len() < self.buffers.size() {
+            return Ok(());
+        }
+        plugin::in_metric_scope(self.role.name(), || {
+            for _ in 0..updates {
+                let batch = experience.sample(self.role, &mut self.buffers, &mut self.sampler);
+                self.learner.update(&batch)?;
+            }
+            Ok(())
+        })
+    }
+}
+
+/// Who does the task: an agent that learns, or a finished policy.
+pub enum ForwardAgent {
+    /// Learns.
+    Learner(Box<Agent>),
+    /// Does not.
+    Policy(Box<dyn Policy>),
+}
+
+impl ForwardAgent {
+    /// Proposes an action.
+    ///
+    /// # Errors
+    /// The plugin failed.
+    pub fn act(&mut self, observation: &[f32], mode: ActMode, action: &mut [f32]) -> Result<()> {
+        match self {
+            Self::Learner(agent) => agent.learner.act(observation, mode, action),
+            Self::Policy(policy) => policy.act(observation, action),
+        }
+    }
+
+    /// The forward ensemble's size; 0 for a policy, which has none.
+    pub fn members(&self) -> usize {
+        match self {
+            Self::Learner(agent) => agent.info.members,
+            Self::Policy(_) => 0,
+        }
+    }
+
+    /// Writes the forward ensemble's values of an action; leaves `values` alone for a policy.
+    ///
+    /// # Errors
+    /// The plugin failed.
+    pub fn q_values(&mut self, observation: &[f32], action: &[f32], values: &mut [f32]) -> Result<()> {
+        match self {
+            Self::Learner(agent) => agent.learner.q_values(observation, action, values),
+            Self::Policy(_) => Ok(()),
+        }
+    }
+
+    /// Updates from the experience; a policy does nothing.
+    ///
+    /// # Errors
+    /// The plugin failed.
+    pub fn learn(&mut self, experience: &Experience, updates: usize) -> Result<()> {
+        match self {
+            Self::Learner(agent) => agent.learn(experience, updates),
+            Self::Policy(_) => Ok(()),
+        }
+    }
+}

@@ -1,0 +1,104 @@
+//! The command line: arguments in, exit code out.
+
+mod plugins;
+mod progress;
+mod run;
+mod table;
+
+use std::{fmt, process::ExitCode};
+
+use clap::{Parser, Subcommand};
+use shield_runtime::{
+    experiment::InputError,
+    plugin::{Registry, SearchPath},
+};
+
+/// Trains and judges policies behind a shield: an action that could not be undone is not executed.
+///
+/// The shield learns, beside the task, how to get back to the start. The value of getting back, an ensemble of Q-functions, decides before
+/// every action whether it may be executed; if not, the reset agent takes over.
+#[derive(Parser)]
+#[command(name = "shield", version, after_help = EXAMPLES)]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+const EXAMPLES: &str = "\
+Examples:
+  shield run examples/quickstart.ron                       run every variant with every seed
+  shield run examples/gridworld.ron --seeds 0 --variants q_min-0.4
+  shield run my.ron --set shield.rules[0].config.q_min=5 --out /tmp/runs
+  shield plugin list                                       what can be named in an experiment
+
+Exit codes: 0 done, 1 a run failed, 2 the input is wrong, 130 stopped by Ctrl-C.";
+
+#[derive(Subcommand)]
+enum Command {
+    /// Runs an experiment: every variant with every seed.
+    Run(run::RunArguments),
+    /// Shows plugins.
+    #[command(subcommand)]
+    Plugin(PluginCommand),
+}
+
+#[derive(Subcommand)]
+enum PluginCommand {
+    /// Lists the plugins on the search path, without loading any, and why files were passed over.
+    List,
+}
+
+/// What ends the command with something else than 0.
+#[derive(Debug)]
+pub enum Failure {
+    /// The user's input is wrong: exit code 2.
+    Input(String),
+    /// A run failed: exit code 1.
+    Run(String),
+    /// Ctrl-C: exit code 130, as a shell expects.
+    Interrupted(String),
+}
+
+impl fmt::Display for Failure {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (Self::Input(message) | Self::Run(message) | Self::Interrupted(message)) = self;
+        formatter.write_str(message)
+    }
+}
+
+impl From<InputError> for Failure {
+    fn from(error: InputError) -> Self {
+        Self::Input(error.to_string())
+    }
+}
+
+impl From<&Failure> for ExitCode {
+    fn from(failure: &Failure) -> Self {
+        Self::from(match failure {
+            Failure::Run(_) => 1,
+            Failure::Input(_) => 2,
+            Failure::Interrupted(_) => 130,
+        })
+    }
+}
+
+/// Reads the arguments and does what they say.
+pub fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    let registry = Registry::scan(&SearchPath::from_environment());
+    let done = match &arguments.command {
+        Command::Run(arguments) => run::run(arguments, &registry),
+        Command::Plugin(PluginCommand::List) => {
+            plugins::list(&registry);
+            Ok(())
+        }
+    };
+    match done {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            let prefix = if matches!(failure, Failure::Interrupted(_)) { "" } else { "error: " };
+            eprintln!("{prefix}{failure}");
+            ExitCode::from(&failure)
+        }
+    }
+}

@@ -1,0 +1,63 @@
+//! What a person sees while runs go on: one line per run, on the terminal only.
+
+use std::time::Duration;
+
+use anyhow::Result;
+use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
+use shield_runtime::{
+    experience::AgentRole,
+    observer::{Counters, EpisodeRecord, EvaluationRecord, Observer},
+};
+
+/// Steps between two updates of the line.
+const EVERY: u64 = 64;
+
+/// The line of one run.
+pub struct Progress {
+    bar: ProgressBar,
+    last_return: f64,
+}
+
+impl Progress {
+    /// A line among others.
+    pub fn new(display: &MultiProgress, name: String, steps: u64) -> Self {
+        let style = ProgressStyle::with_template(
+            "{prefix:24} {bar:20} {percent:>3}% {per_sec:>16} {msg} {eta:>5} left",
+        )
+        .unwrap_or_else(|_| ProgressStyle::default_bar());
+        let bar = display.add(ProgressBar::new(steps).with_style(style).with_prefix(name));
+        bar.enable_steady_tick(Duration::from_millis(500));
+        Self { bar, last_return: f64::NAN }
+    }
+
+    /// Takes the line away.
+    pub fn finish(&self) {
+        self.bar.finish_and_clear();
+    }
+}
+
+impl Observer for Progress {
+    fn on_step(&mut self, counters: &Counters) -> Result<()> {
+        if counters.steps.is_multiple_of(EVERY) {
+            self.bar.set_position(counters.steps);
+            let Counters { early_aborts, hard_resets, .. } = counters;
+            self.bar.set_message(format!(
+                "return {:.1} · {early_aborts} aborts · {hard_resets} hard resets",
+                self.last_return
+            ));
+        }
+        Ok(())
+    }
+
+    fn on_episode(&mut self, episode: &EpisodeRecord, _counters: &Counters) -> Result<()> {
+        if episode.role == AgentRole::Forward && self.last_return.is_nan() {
+            self.last_return = episode.forward_return;
+        }
+        Ok(())
+    }
+
+    fn on_evaluation(&mut self, evaluation: &EvaluationRecord) -> Result<()> {
+        self.last_return = evaluation.mean_return;
+        Ok(())
+    }
+}

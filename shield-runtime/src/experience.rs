@@ -1,0 +1,306 @@
+//! The experience that both agents share.
+//!
+//! Every transition keeps both rewards and, per agent, a continuation flag and one bootstrap bit per ensemble member, so that
+//! either agent can learn from what the other did (§4). The memory is a ring of fixed size: nothing is allocated after
+//! the start.
+
+use rand::{Rng, RngExt};
+use shield_api::{Batch, Spaces};
+
+/// One of the two agents.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum AgentRole {
+    /// Does the task.
+    Forward,
+    /// Undoes it.
+    Reset,
+}
+
+impl AgentRole {
+    fn index(self) -> usize {
+        match self {
+            Self::Forward => 0,
+            Self::Reset => 1,
+        }
+    }
+
+    /// Its name in files and logs.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Forward => "forward",
+            Self::Reset => "reset",
+        }
+    }
+}
+
+/// What one agent takes from a transition.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AgentShare {
+    /// Its reward.
+    pub reward: f32,
+    /// Whether the value of the next state counts. False only where the task ends for this agent; true at a time-out.
+    pub continues: bool,
+}
+
+/// One environment step, about to be stored.
+#[derive(Debug, Clone, Copy)]
+pub struct Transition<'a> {
+    /// The state before.
+    pub observation: &'a [f32],
+    /// The executed action, never a rejected one.
+    pub action: &'a [f32],
+    /// The state after.
+    pub next_observation: &'a [f32],
+    /// The forward agent's share.
+    pub forward: AgentShare,
+    /// The reset agent's share.
+    pub reset: AgentShare,
+}
+
+/// Per agent: rewards, continuation flags and bootstrap masks.
+#[derive(Debug)]
+struct Shares {
+    rewards: Vec<f32>,
+    continuations: Vec<f32>,
+    /// `words` words of mask bits per transition; empty where every member learns from everything.
+    masks: Vec<u64>,
+    words: usize,
+    members: usize,
+}
+
+impl Shares {
+    fn new(capacity: usize, members: usize, is_masked: bool) -> Self {
+        let words = if is_masked { members.div_ceil(64) } else { 0 };
+        Self {
+            rewards: Vec::with_capacity(capacity),
+            continuations: Vec::with_capacity(capacity),
+            masks: Vec::with_capacity(capacity * words),
+            words,
+            members,
+        }
+    }
+}
+
+/// The replay memory of both agents.
+#[derive(Debug)]
+pub struct Experience {
+    capacity: usize,
+    observation_len: usize,
+    action_len: usize,
+    bootstrap_probability: f64,
+    /// Where the next transition goes once the ring is full.
+    next: usize,
+    observations: Vec<f32>,
+    actions: Vec<f32>,
+    next_observations: Vec<f32>,
+    shares: [Shares; 2],
+    mask: Vec<u64>,
+}
+
+impl Experience {
+    /// An empty memory. `members` are the ensemble sizes of the forward and of the reset agent (0 where there is none).
+    pub fn new(capacity: usize, spaces: &Spaces, members: [usize; 2], bootstrap_probability: f64) -> Self {
+        let is_masked = bootstrap_probability < 1.0;
+        let (observation_len, action_len) = (spaces.observation_len(), spaces.action_len());
+        let shares = members.map(|members| Shares::new(capacity, members, is_masked));
+        let words = shares.iter().map(|share| share.words).max().unwrap_or(0);
+        Self {
+            capacity,
+            observation_len,
+            action_len,
+            bootstrap_probability,
+            next: 0,
+            observations: Vec::with_capacity(capacity * observation_len),
+            actions: Vec::with_capacity(capacity * action_len),
+            next_observations: Vec::with_capacity(capacity * observation_len),
+            shares,
+            mask: vec![0; words],
+        }
+    }
+
+    /// How many transitions are kept.
+    pub fn len(&self) -> usize {
+        self.shares[0].rewards.len()
+    }
+
+    /// Whether nothing is kept.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Stores a transition, over the oldest one if the memory is full, and draws its bootstrap masks from `rng`.
+    pub fn push(&mut self, transition: &Transition<'_>, rng: &mut impl Rng) {
+        let slot = if self.len() < self.capacity { self.len() } else { self.next };
+        put(&mut self.observations, slot, transition.observation);
+        put(&mut self.actions, slot, transition.action);
+        put(&mut self.next_observations, slot, transition.next_observation);
+        for (share, taken) in self.shares.iter_mut().zip([transition.forward, transition.reset]) {
+            put(&mut share.rewards, slot, &[taken.reward]);
+            put(&mut share.continuations, slot, &[if taken.continues { 1.0 } else { 0.0 }]);
+            let mask = &mut self.mask[..share.words];
+            mask.fill(0);
+            for member in 0..if share.words > 0 { share.members } else { 0 } {
+                if rng.random_bool(self.bootstrap_probability) {
+                    mask[member / 64] |= 1 << (member % 64);
+                }
+            }
+            put(&mut share.masks, slot, mask);
+        }
+        self.next = (slot + 1) % self.capacity;
+    }
+
+    /// Draws a batch for one agent, uniformly with replacement, into `buffers`.
+    ///
+    /// # Panics
+    /// The memory is empty.
+    pub fn sample<'b>(
+        &self,
+        role: AgentRole,
+        buffers: &'b mut BatchBuffers,
+        rng: &mut impl Rng,
+    ) -> Batch<'b> {
+        let share = &self.shares[role.index()];
+        for row in 0..buffers.size {
+            let slot = rng.random_range(0..self.len());
+            copy(&mut buffers.observations, row, &self.observations, slot, self.observation_len);
+            copy(&mut buffers.actions, row, &self.actions, slot, self.action_len);
+            copy(&mut buffers.next_observations, row, &self.next_observations, slot, self.observation_len);
+            buffers.rewards[row] = share.rewards[slot];
+            buffers.continuations[row] = share.continuations[slot];
+            if share.words > 0 {
+                let bits = &share.masks[slot * share.words..(slot + 1) * share.words];
+                for member in 0..share.members {
+                    let is_set = bits[member / 64] >> (member % 64) & 1 == 1;
+                    buffers.masks[row * share.members + member] = if is_set { 1.0 } else { 0.0 };
+                }
+            }
+        }
+        buffers.as_batch()
+    }
+}
+
+/// Writes a row over an existing one, or appends it.
+fn put<T: Copy>(rows: &mut Vec<T>, slot: usize, row: &[T]) {
+    let start = slot * row.len();
+    if start < rows.len() {
+        rows[start..start + row.len()].copy_from_slice(row);
+    } else {
+        rows.extend_from_slice(row);
+    }
+}
+
+fn copy(target: &mut [f32], row: usize, source: &[f32], slot: usize, length: usize) {
+    target[row * length..(row + 1) * length].copy_from_slice(&source[slot * length..(slot + 1) * length]);
+}
+
+/// Where a batch is gathered; reused for every update.
+#[derive(Debug)]
+pub struct BatchBuffers {
+    size: usize,
+    observations: Vec<f32>,
+    actions: Vec<f32>,
+    rewards: Vec<f32>,
+    next_observations: Vec<f32>,
+    continuations: Vec<f32>,
+    masks: Vec<f32>,
+}
+
+impl BatchBuffers {
+    /// Room for `size` transitions and the masks of `members`, which stay 1 where the experience draws none.
+    pub fn new(size: usize, spaces: &Spaces, members: usize) -> Self {
+        Self {
+            size,
+            observations: vec![0.0; size * spaces.observation_len()],
+            actions: vec![0.0; size * spaces.action_len()],
+            rewards: vec![0.0; size],
+            next_observations: vec![0.0; size * spaces.observation_len()],
+            continuations: vec![0.0; size],
+            masks: vec![1.0; size * members],
+        }
+    }
+
+    /// Transitions per batch.
+    pub fn size(&self) -> usize {
+        self.size
+    }
+
+    fn as_batch(&self) -> Batch<'_> {
+        Batch {
+            size: self.size,
+            observations: &self.observations,
+            actions: &self.actions,
+            rewards: &self.rewards,
+            next_observations: &self.next_observations,
+            continuations: &self.continuations,
+            masks: &self.masks,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+    use rand_pcg::Pcg64;
+    use shield_api::Space;
+
+    use super::*;
+
+    fn spaces() -> Spaces {
+        Spaces { observation: Space::unbounded(2), action: Space::uniform(1, -1.0, 1.0) }
+    }
+
+    fn push(experience: &mut Experience, value: f32, rng: &mut Pcg64) {
+        experience.push(
+            &Transition {
+                observation: &[value, -value],
+                action: &[value / 10.0],
+                next_observation: &[value + 1.0, 0.0],
+                forward: AgentShare { reward: value, continues: true },
+                reset: AgentShare { reward: -value, continues: value != 3.0 },
+            },
+            rng,
+        );
+    }
+
+    #[test]
+    fn each_agent_gets_its_own_reward_and_continuation() {
+        let mut rng = Pcg64::seed_from_u64(0);
+        let mut experience = Experience::new(10, &spaces(), [1, 1], 1.0);
+        push(&mut experience, 3.0, &mut rng);
+        let mut buffers = BatchBuffers::new(4, &spaces(), 1);
+        let forward = experience.sample(AgentRole::Forward, &mut buffers, &mut rng);
+        assert_eq!((forward.rewards[0], forward.continuations[0]), (3.0, 1.0));
+        assert_eq!((forward.observations, forward.actions[3]), (&[3.0, -3.0].repeat(4)[..], 0.3));
+        let reset = experience.sample(AgentRole::Reset, &mut buffers, &mut rng);
+        assert_eq!((reset.rewards[2], reset.continuations[2], reset.masks[2]), (-3.0, 0.0, 1.0));
+    }
+
+    #[test]
+    fn a_full_memory_forgets_the_oldest() {
+        let mut rng = Pcg64::seed_from_u64(1);
+        let mut experience = Experience::new(3, &spaces(), [1, 1], 1.0);
+        for value in 0..7 {
+            push(&mut experience, value as f32, &mut rng);
+        }
+        assert_eq!(experience.len(), 3);
+        let mut buffers = BatchBuffers::new(200, &spaces(), 1);
+        let batch = experience.sample(AgentRole::Forward, &mut buffers, &mut rng);
+        let mut kept: Vec<f32> = batch.rewards.to_vec();
+        kept.sort_by(f32::total_cmp);
+        kept.dedup();
+        assert_eq!(kept, [4.0, 5.0, 6.0]);
+    }
+
+    #[test]
+    fn bootstrap_masks_are_drawn_per_member_and_stay_with_their_transition() {
+        let mut rng = Pcg64::seed_from_u64(2);
+        let members = 70;
+        let mut experience = Experience::new(1, &spaces(), [members, 1], 0.5);
+        push(&mut experience, 1.0, &mut rng);
+        let mut buffers = BatchBuffers::new(2, &spaces(), members);
+        let first = experience.sample(AgentRole::Forward, &mut buffers, &mut rng).masks.to_vec();
+        assert_eq!(first[..members], first[members..]);
+        let ones = first[..members].iter().sum::<f32>();
+        assert!((15.0..55.0).contains(&ones), "{ones} of {members} masks are set at probability 0.5");
+    }
+}

@@ -1,0 +1,103 @@
+//! The fully resolved configuration of a run, as RON.
+
+use ron::value::RawValue;
+use serde::de::IgnoredAny;
+
+use super::config::PluginChoice;
+use super::ron_options;
+use super::tree::{Kind, Node};
+use super::variant::Variant;
+
+/// Structures that fit into so many characters stand on one line.
+const LINE: usize = 90;
+const INDENT: &str = "    ";
+
+impl Variant {
+    /// What one run does, with every field explicit: no variants, one seed, and the configuration of each plugin completed by the
+    /// defaults that `fields_of` its id lists (names and RON text). A default that is not RON is left out. It can be run again.
+    pub fn resolved_ron(&self, seed: u64, fields_of: &dyn Fn(&str) -> Vec<(String, String)>) -> String {
+        let mut experiment = self.experiment.clone();
+        experiment.seeds = vec![seed];
+        experiment.variants.clear();
+        for choice in experiment.plugins_mut() {
+            complete(choice, &fields_of(&choice.plugin));
+        }
+        let text = ron_options().to_string(&experiment).expect("an experiment that was read can be written");
+        let root = Node::parse(&text).expect("what ron writes can be read");
+        let mut out = format!("// {}, variant {}, seed {seed}\nExperiment", experiment.name, self.name);
+        write_value(&mut out, &root, &text, 0);
+        out.push('\n');
+        out
+    }
+}
+
+/// Adds the fields that the configuration does not give.
+fn complete(choice: &mut PluginChoice, fields: &[(String, String)]) {
+    let given = choice.config.get_ron();
+    let Ok(root) = Node::parse(given) else { return };
+    let node = root.inner();
+    let Some((at, mut needs_comma)) = node.place_for_field() else { return };
+    let mut text = given[..at].to_owned();
+    for (name, default) in fields {
+        let is_given = node.entries().iter().any(|entry| entry.key == *name);
+        if is_given || ron::from_str::<IgnoredAny>(default).is_err() {
+            continue;
+        }
+        let comma = if needs_comma { ", " } else { "" };
+        text += &format!("{comma}{name}: {default}");
+        needs_comma = true;
+    }
+    text += &given[at..];
+    if let Ok(completed) = RawValue::from_boxed_ron(text.into()) {
+        choice.config = completed;
+    }
+}
+
+fn write_value(out: &mut String, node: &Node, text: &str, depth: usize) {
+    let flat = flat(node, text);
+    let is_short = depth * INDENT.len() + flat.chars().count() <= LINE && !flat.contains('\n');
+    if depth > 0 && is_short || node.children().next().is_none() {
+        *out += &flat;
+        return;
+    }
+    let (before, close) = brackets(node, text);
+    *out += before;
+    let line = |out: &mut String, key: &str, value: &Node| {
+        *out += &format!("\n{}{key}", INDENT.repeat(depth + 1));
+        write_value(out, value, text, depth + 1);
+        out.push(',');
+    };
+    for entry in node.entries() {
+        line(out, &key(entry, text), &entry.value);
+    }
+    for item in node.items() {
+        line(out, "", item);
+    }
+    *out += &format!("\n{}{close}", INDENT.repeat(depth));
+}
+
+/// The value on one line, without comments.
+fn flat(node: &Node, text: &str) -> String {
+    if matches!(node.kind, Kind::Leaf) {
+        return text[node.span.clone()].to_owned();
+    }
+    let (before, close) = brackets(node, text);
+    let entries = node.entries().iter().map(|entry| key(entry, text) + &flat(&entry.value, text));
+    let items = node.items().iter().map(|item| flat(item, text));
+    let content: Vec<String> = entries.chain(items).collect();
+    format!("{before}{}{close}", content.join(", "))
+}
+
+/// What stands before the content, a name included, and the closing bracket.
+fn brackets<'a>(node: &Node, text: &'a str) -> (&'a str, &'a str) {
+    let open = match node.kind {
+        Kind::Leaf => node.span.end,
+        Kind::Struct(open, _) | Kind::Map(open, _) | Kind::List(open, _) | Kind::Tuple(open, _) => open,
+    };
+    (&text[node.span.start..open], &text[node.span.end - 1..node.span.end])
+}
+
+fn key(entry: &super::tree::Entry, text: &str) -> String {
+    let written = text[entry.key_start..entry.value.span.start].split(':').next().unwrap_or_default();
+    format!("{}: ", written.trim_end())
+}

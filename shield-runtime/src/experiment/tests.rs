@@ -1,0 +1,470 @@
+//! Whole experiments: what is accepted, what is refused and where, and the way back from a variant to the file.
+
+use std::path::PathBuf;
+
+use shield_api::Position;
+
+use super::*;
+
+/// The example of the architecture, plus comments and the long forms.
+const EXAMPLE: &str = r#"// An experiment.
+Experiment(
+    name: "cliff-cheetah",
+    steps: 1_000_000,
+    seeds: [0, 1, 2, 3, 4],
+    mode: Shielded,                       // or StatusQuo, ForwardOnly
+    environment: (plugin: "mujoco/cliff-cheetah", config: (horizon: 500)),
+    forward: Learner(plugin: "ddpg", config: (critics: 20)),        // or Policy(plugin: "onnx")
+    reset: (plugin: "ddpg", config: /* before */ (critics: 20) /* after */),
+    shield: (
+        rules: [(plugin: "ensemble-threshold", config: (q_min: 10.0, combine: Pessimistic))],
+        reset_attempts: 1,
+        warm_up_steps: 1_000,
+    ),
+    reset_task: None,                     // or Some(plugin: "near-start", config: (…))
+    experience: (capacity: 1_000_000, batch: 64, updates_per_step: 1),
+    evaluation: Some(every: 10_000, episodes: 10),
+    threads: 2,
+    variants: {"shielded": [], "status-quo": [("mode", StatusQuo)], "q_min-5": [("shield.rules[0].config.q_min", 5.0)]},
+)
+"#;
+
+/// The smallest experiment, on one line; `@` stands for further fields.
+const SMALL: &str = r#"(name: "x", steps: 10, seeds: [0], mode: ForwardOnly, environment: (plugin: "e"), forward: Policy(plugin: "p")@)"#;
+
+fn file(text: &str) -> ExperimentFile {
+    ExperimentFile::from_text("x.ron", text)
+}
+
+fn small(more: &str) -> ExperimentFile {
+    file(&SMALL.replace('@', more))
+}
+
+fn sets(assignments: &[&str]) -> Vec<Override> {
+    assignments.iter().map(|assignment| Override::parse(assignment).unwrap()).collect()
+}
+
+fn only(file: &ExperimentFile, assignments: &[&str]) -> Variant {
+    let mut variants = file.variants(&sets(assignments), None).unwrap_or_else(|error| panic!("{error}"));
+    assert_eq!(variants.len(), 1);
+    variants.remove(0)
+}
+
+fn config(choice: &PluginChoice) -> &str {
+    choice.config.get_ron()
+}
+
+#[test]
+fn the_example_of_the_architecture_is_accepted() {
+    let variants = file(EXAMPLE).variants(&[], None).unwrap();
+    let names: Vec<&str> = variants.iter().map(|variant| variant.name.as_str()).collect();
+    assert_eq!(names, ["shielded", "status-quo", "q_min-5"]);
+    let experiment = &variants[0].experiment;
+    assert_eq!((experiment.steps, experiment.seeds.len(), experiment.threads), (1_000_000, 5, 2));
+    assert_eq!(config(experiment.reset.as_ref().unwrap()), "(critics: 20)");
+    assert!(experiment.reset_task.is_none() && experiment.variants.is_empty());
+    assert_eq!(experiment.evaluation.as_ref().unwrap().every, 10_000);
+    assert_eq!(variants[1].experiment.mode, Mode::StatusQuo);
+    assert_eq!(config(&experiment.shield.rules[0]), "(q_min: 10.0, combine: Pessimistic)");
+    assert_eq!(config(&variants[2].experiment.shield.rules[0]), "(q_min: 5.0, combine: Pessimistic)");
+}
+
+#[test]
+fn short_and_long_forms_mean_the_same() {
+    let check = |field: &str, forms: &[&str]| {
+        let read = |form: &&str| {
+            let resolved = only(&small(&format!(", {field}: {form}")), &[]).resolved_ron(0, &|_| Vec::new());
+            assert!(resolved.contains(&format!("{field}: ")), "{resolved}");
+            resolved
+        };
+        let all: Vec<String> = forms.iter().map(read).collect();
+        assert!(all.iter().all(|resolved| *resolved == all[0]), "{all:#?}");
+    };
+    check(
+        "reset",
+        &[
+            r#"(plugin: "r")"#,
+            r#"Some(plugin: "r")"#,
+            r#"Some((plugin: "r"))"#,
+            r#"(plugin: "r", config: ())"#,
+        ],
+    );
+    check("evaluation", &["(every: 5)", "Some(every: 5)", "Some((every: 5, start: None))"]);
+    check("shield", &["()", "(fallback_action: None, stop_on_reset: true)"]);
+    check(
+        "reset_task",
+        &[
+            r#"Some(plugin: "n", config: (at: Some(x: 1, y: Some(1, 2))))"#,
+            r#"(plugin: "n", config: (at: Some((x: 1, y: Some((1, 2))))))"#,
+        ],
+    );
+    let long = SMALL
+        .replace("Policy(plugin: \"p\")@", "Policy(/* x */ (plugin: \"p\", config: (a: Some(b: 1)),), )");
+    let long = only(&file(&format!("#![enable(implicit_some)]\n{long}")), &[]);
+    assert_eq!(config(long.experiment.forward.choice()), "(a: Some((b: 1)))");
+    let unlimited = only(&small(", shield: (reset_attempts: Unlimited)"), &[]);
+    assert_eq!(unlimited.experiment.shield.reset_attempts, ResetAttempts::Never(Unlimited::Unlimited));
+    for start in ["\"above\"", "Some(\"above\")"] {
+        let assignments = [&format!("mode=ResetOnly(start: {start})"), r#"reset=(plugin: "r")"#];
+        let insert = only(&small(""), &assignments.map(|text| text as &str));
+        assert_eq!(insert.experiment.mode, Mode::ResetOnly { start: Some("above".into()) });
+    }
+}
+
+/// `text` holds a `@` where the fault is.
+fn check(text: &str, message: &str) {
+    let before = &text[..text.find('@').expect("a mark")];
+    let line = before.matches('\n').count() + 1;
+    let column = before.chars().rev().take_while(|character| *character != '\n').count() + 1;
+    let error = file(&text.replacen('@', "", 1)).variants(&[], None).unwrap_err();
+    assert_eq!(error.to_string(), format!("x.ron:{line}:{column}: {message}"), "{text}");
+}
+
+/// The same inside the small experiment.
+fn check_field(field: &str, message: &str) {
+    let text = SMALL.replacen('@', &format!(",\n    // a comment, ä\n    {field}"), 1);
+    check(&text, message);
+}
+
+#[test]
+fn faults_of_syntax_and_type_are_where_the_user_finds_them() {
+    check("Experiment(\n  name: \"x\",\n  @", "unexpected end of RON");
+    check("(\n  name: \"x\" @steps: 5)", "expected comma");
+    check(
+        "@(steps: 5, seeds: [], environment: (plugin: \"e\"), forward: Policy(plugin: \"p\"))",
+        "unexpected missing field named `name` in `Experiment`",
+    );
+    check("@Experimnt(name: \"x\")", "expected struct `Experiment` but found `Experimnt`");
+    check_field("reset: @(config: ()),", "unexpected missing field named `plugin` in `PluginChoice`");
+    check_field(
+        "shield: (@rulse: []),",
+        "unexpected field named `rulse` in `ShieldConfig`, expected one of `rules`, `reset_attempts`, `reset_test`, `between_attempts`, `stop_on_reset`, `warm_up_steps`, `shield_exploration`, or `fallback_action` instead; did you mean `rules`?",
+    );
+    check_field("threads: 1, @threads: 2", "unexpected duplicate field named `threads` in `Experiment`");
+    check_field("threads: @-1", "integer is out of bounds");
+    check_field("threads: @\"two\"", "expected integer");
+    check_field("hard_reset_cost: @\"dear\"", "expected float");
+    check_field(
+        "experience: (updates: @Bth)",
+        "unexpected variant named `Bth` in enum `Updates`, expected either `Active` or `Both` instead; did you mean `Both`?",
+    );
+    check_field("shield: (reset_attempts: @Unlimted)", "expected a number of attempts or `Unlimited`");
+    check_field("shield: (reset_attempts: @-1, rules: [])", "expected a number of attempts or `Unlimited`");
+    check_field("shield: (stop_on_reset: @1)", "expected boolean");
+    check_field("reset: (plugin: @ddpg)", "expected string; a text needs quotes");
+    check_field("evaluation: (every: 1, start: @above)", "expected string; a text needs quotes");
+    check_field("variants: @[]", "expected opening `{`");
+    check_field("variants: {\"a\": [@\"mode\"]}", "expected opening `(`");
+}
+
+#[test]
+fn values_that_cannot_be_run_are_refused_where_they_stand() {
+    let small = |from: &str, to: &str| SMALL.replace('@', "").replacen(from, to, 1);
+    check(
+        &small("\"x\"", "@\"a/b\""),
+        "\"a/b\" cannot name a folder: it must not be empty, contain any of / \\ : * ? \" < > |, begin or end with a space, or end with a dot",
+    );
+    for name in ["", "..", " a", "a.", "a\\\\b", "a\\n"] {
+        assert!(file(&small("\"x\"", &format!("{name:?}"))).variants(&[], None).is_err(), "{name:?}");
+    }
+    check(&small("10", "@0"), "a run needs at least one step");
+    check(&small("[0]", "@[]"), "at least one seed is needed");
+    check(&small("[0]", "[0, 1, @0]"), "the seed 0 is given twice");
+    check(&small("\"e\"", "@\"\""), "the id of a plugin is empty");
+    check(&small("ForwardOnly", "@Shielded"), "`Shielded` needs a reset agent: `reset: (plugin: …)`");
+    check(&small("ForwardOnly", "@ResetOnly()"), "`ResetOnly` needs a reset agent: `reset: (plugin: …)`");
+    check_field("threads: @0", "a run needs at least one thread");
+    check_field(
+        "hard_reset_cost: @-1.0",
+        "the cost of a hard reset is -1; it must be finite and not negative",
+    );
+    check_field(
+        "hard_reset_cost: @NaN",
+        "the cost of a hard reset is NaN; it must be finite and not negative",
+    );
+    check_field(
+        "shield: (reset_attempts: @0)",
+        "a hard reset can follow 1 failed attempt or more, not 0; `Unlimited` means never",
+    );
+    check_field("shield: (fallback_action: Some([0.0, @inf]))", "an action cannot be inf");
+    check_field("experience: (batch: @0)", "a batch needs at least one transition");
+    check_field("experience: (batch: @65, capacity: 64)", "a batch of 65 does not fit into a capacity of 64");
+    for probability in ["0", "1.5", "-1", "NaN"] {
+        let field = format!("experience: (bootstrap_probability: @{probability})");
+        let message = format!("{probability} is not a probability above 0 and up to 1");
+        check_field(&field, &message);
+    }
+    check_field("evaluation: Some(every: @0)", "evaluations need at least one step between them");
+    check_field("evaluation: (every: 1, episodes: @0)", "an evaluation needs at least one episode");
+    check_field("evaluation: (every: 1, solved_at: @2)", "2 is not a share above 0 and up to 1");
+    check_field(
+        "evaluation: (every: 1, agent: @Reset)",
+        "the mode ForwardOnly has no reset agent to evaluate",
+    );
+    check_field(
+        "evaluation: (every: 1, shielded: @true)",
+        "there is no shield to evaluate behind: it takes a mode with a reset agent, and a rule",
+    );
+    check(
+        &EXAMPLE.replace(
+            "rules: [(plugin: \"ensemble-threshold\", config: (q_min: 10.0, combine: Pessimistic))]",
+            "rules: @[]",
+        ),
+        "variant `shielded`: `Shielded` without any rule would never abort: give at least one in `shield: (rules: […])`, or another mode",
+    );
+}
+
+#[test]
+fn faults_of_variants_name_the_variant_and_the_override() {
+    check_field("variants: {\"a\": [], @\"a\": []}", "the variant `a` is declared twice");
+    check_field(
+        "variants: {@\"a/b\": []}",
+        "\"a/b\" cannot name a folder: it must not be empty, contain any of / \\ : * ? \" < > |, begin or end with a space, or end with a dot",
+    );
+    check_field(
+        "variants: {\"a\": [(\"steps\", @0)]}",
+        "variant `a`, override `steps`: a run needs at least one step",
+    );
+    check_field(
+        "variants: {\"a\": [(@\"stepz\", 5)]}",
+        "variant `a`, override `stepz`: unexpected field named `stepz` in `Experiment`, expected one of `name`, `steps`, `seeds`, `mode`, `environment`, `forward`, `reset`, `shield`, `reset_task`, `experience`, `evaluation`, `hard_reset_cost`, `threads`, or `variants` instead; did you mean `steps`?",
+    );
+    check_field(
+        "variants: {\"a\": [(\"shield\", (\n stop_on_reset: @5))]}",
+        "variant `a`, override `shield`: expected boolean",
+    );
+    check_field(
+        "variants: {\"a\": [(@\"seeds[3]\", 5)]}",
+        "variant `a`, override `seeds[3]`: there is no element [3]: the list has 1",
+    );
+    check_field(
+        "variants: {\"a\": [(@\"steps.x\", 5)]}",
+        "variant `a`, override `steps.x`: there is no place for `x`: the value there has no fields",
+    );
+    check_field(
+        "variants: {\"a\": [(@\"variants\", {})]}",
+        "variant `a`, override `variants`: `variants` cannot be overridden",
+    );
+    check_field(
+        "variants: {\"a\": [(@\"a..b\", 1)]}",
+        "variant `a`, override `a..b`: `a..b` is not a path; it should look like `shield.rules[0].config.q_min`",
+    );
+}
+
+#[test]
+fn overrides_of_the_command_line_come_last_and_are_named() {
+    let example = file(EXAMPLE);
+    let variants = example.variants(&sets(&["shield.rules[0].config.q_min=7", "steps=5"]), None).unwrap();
+    assert!(variants.iter().all(|variant| variant.experiment.steps == 5));
+    assert_eq!(config(&variants[2].experiment.shield.rules[0]), "(q_min: 7, combine: Pessimistic)");
+    let check = |assignment: &str, message: &str| {
+        let wrong = Override::parse(assignment).and_then(|set| small("").variants(&[set], None));
+        assert_eq!(wrong.unwrap_err().to_string(), message);
+    };
+    check("steps=0", "--set steps=0: override `steps`: a run needs at least one step");
+    check("steps", "--set steps: there is no `=`; write `--set path=value`, for example `--set steps=5000`");
+    check(
+        "steps=5, seeds: [1]",
+        "--set steps=5, seeds: [1]: the value \"5, seeds: [1]\" is not RON: non-whitespace trailing characters; a text needs quotes, for the shell as well: --set 'name=\"x\"'",
+    );
+    check("name=y", "--set name=y: override `name`: expected string; a text needs quotes");
+    check(
+        "shield.rulse=[]",
+        "--set shield.rulse=[]: override `shield.rulse`: unexpected field named `rulse` in `ShieldConfig`, expected one of `rules`, `reset_attempts`, `reset_test`, `between_attempts`, `stop_on_reset`, `warm_up_steps`, `shield_exploration`, or `fallback_action` instead; did you mean `rules`?",
+    );
+    let steps = Override::new("steps", "0", "--steps 0").unwrap();
+    let error = small("").variants(&[steps], None).unwrap_err();
+    assert_eq!(error.to_string(), "--steps 0: override `steps`: a run needs at least one step");
+}
+
+#[test]
+fn overrides_reach_fields_that_are_absent() {
+    let variant = only(
+        &small(""),
+        &[
+            "evaluation.every=5 // trailing",
+            "evaluation.episodes=3",
+            "shield.warm_up_steps=7",
+            r#"forward.config.layers=[1, 2]"#,
+            "forward.config.layers[1]=3",
+            r#"reset.plugin="r""#,
+            "environment.config.at=Some(x: 1)",
+        ],
+    );
+    let experiment = &variant.experiment;
+    let evaluation = experiment.evaluation.as_ref().unwrap();
+    assert_eq!((evaluation.every, evaluation.episodes), (5, 3));
+    assert_eq!(experiment.shield.warm_up_steps, 7);
+    assert_eq!(config(experiment.forward.choice()), "(layers: [1, 3])");
+    assert_eq!(config(&experiment.environment), "(at: Some((x: 1)))");
+    assert_eq!(experiment.reset.as_ref().unwrap().plugin, "r");
+    let replaced = only(&small(", evaluation: None"), &["evaluation.every=5"]);
+    assert_eq!(replaced.experiment.evaluation.unwrap().every, 5);
+}
+
+#[test]
+fn a_base_may_leave_to_its_variants_what_they_all_give() {
+    let text = r#"(name: "x", steps: 1, seeds: [0], mode: StatusQuo, forward: Learner(plugin: "f"),
+        variants: {"a": [("environment", (plugin: "a"))], "b": [("environment.plugin", "b")]})"#;
+    let variants = file(text).variants(&[], None).unwrap();
+    let plugins: Vec<&str> = variants.iter().map(|variant| &*variant.experiment.environment.plugin).collect();
+    assert_eq!(plugins, ["a", "b"]);
+}
+
+#[test]
+fn variants_are_chosen_by_name() {
+    let names = ["q_min-5".to_owned(), "shielded".to_owned()];
+    let chosen = file(EXAMPLE).variants(&[], Some(&names)).unwrap();
+    assert_eq!(chosen.iter().map(|variant| &*variant.name).collect::<Vec<_>>(), ["shielded", "q_min-5"]);
+    let unknown = file(EXAMPLE).variants(&[], Some(&["shield".to_owned()])).unwrap_err();
+    assert_eq!(
+        unknown.to_string(),
+        "x.ron: there is no variant `shield`; there are: shielded, status-quo, q_min-5; did you mean `shielded`?"
+    );
+    let default = small("").variants(&[], Some(&["default".to_owned()])).unwrap();
+    assert_eq!(default[0].name, "default");
+    assert!(small("").variants(&[], Some(&["other".to_owned()])).is_err());
+}
+
+#[test]
+fn what_a_plugin_reports_is_found_in_the_users_file() {
+    let text = SMALL.replace(
+        '@',
+        r#", reset: (plugin: "r", config: // first
+    (
+        a: 1,
+        b: Some(c: 2, d: 3),
+        e: 4,
+    )), variants: {"v": [("reset.config.e", 50), ("reset.config.g", 6)]}"#,
+    );
+    let mut sets = sets(&["reset.config.h=8"]);
+    sets.push(Override::new("reset.config.a", "10", "--a 10").unwrap());
+    let variant = file(&text).variants(&sets, None).unwrap().remove(0);
+    let config = config(variant.experiment.reset.as_ref().unwrap()).to_owned();
+    let place_of = |needle: &str| {
+        let offset = config.find(needle).unwrap();
+        let position = error::position_at(&config, offset);
+        variant.locate("reset.config", Some(position)).to_string()
+    };
+    let in_file = |needle: &str| {
+        let Position { line, column } = error::position_at(&text, text.find(needle).unwrap());
+        format!("x.ron:{line}:{column}")
+    };
+    assert_eq!(place_of("b: Some"), in_file("b: Some"));
+    assert_eq!(place_of("d: 3"), in_file("d: 3"));
+    assert_eq!(place_of("50"), in_file("50"));
+    assert_eq!(place_of("g: 6"), in_file("\"reset.config.g\""));
+    assert_eq!(place_of("6"), in_file("6)]"));
+    assert_eq!(place_of("10"), "--a 10");
+    assert_eq!(place_of("h: 8"), "--set reset.config.h=8");
+    assert_eq!(variant.locate("reset.config", None).to_string(), in_file("(\n        a: 1"));
+    assert_eq!(
+        variant.locate("reset.config", Some(Position { line: 1, column: 1 })).to_string(),
+        in_file("(\n        a: 1")
+    );
+    assert_eq!(
+        variant.locate("environment.config", Some(Position { line: 1, column: 2 })).to_string(),
+        in_file("(plugin: \"e\")")
+    );
+    assert_eq!(variant.locate("shield.rules[0]", None).to_string(), "x.ron:1:1");
+    let error = variant.error_at("reset.config", Some(Position { line: 9, column: 9 }), "odd");
+    assert_eq!(error.to_string(), format!("{}: variant `v`: odd", in_file(")), variants")));
+    assert_eq!(variant.file(), PathBuf::from("x.ron"));
+}
+
+#[test]
+fn the_resolved_configuration_is_complete_and_can_be_run_again() {
+    let fields = |id: &str| -> Vec<(String, String)> {
+        let fields: &[(&str, &str)] = match id {
+            "ddpg" => &[("critics", "20"), ("hidden", "[400, 300]"), ("gamma", "0.99"), ("bad", "vec![]")],
+            _ => &[],
+        };
+        fields.iter().map(|(name, default)| ((*name).to_owned(), (*default).to_owned())).collect()
+    };
+    let variant = &file(EXAMPLE).variants(&sets(&["reset.config.critics=5"]), None).unwrap()[2];
+    let resolved = variant.resolved_ron(3, &fields);
+    assert_eq!(resolved, RESOLVED);
+    let again = only(&file(&resolved), &[]);
+    assert_eq!(again.experiment.seeds, [3]);
+    assert_eq!(
+        again.resolved_ron(3, &fields).lines().skip(1).collect::<Vec<_>>(),
+        RESOLVED.lines().skip(1).collect::<Vec<_>>()
+    );
+}
+
+const RESOLVED: &str = r#"// cliff-cheetah, variant q_min-5, seed 3
+Experiment(
+    name: "cliff-cheetah",
+    steps: 1000000,
+    seeds: [3],
+    mode: Shielded,
+    environment: (plugin: "mujoco/cliff-cheetah", path: None, config: (horizon: 500)),
+    forward: Learner(
+        plugin: "ddpg",
+        path: None,
+        config: (critics: 20, hidden: [400, 300], gamma: 0.99),
+    ),
+    reset: (plugin: "ddpg", path: None, config: (critics: 5, hidden: [400, 300], gamma: 0.99)),
+    shield: (
+        rules: [
+            (
+                plugin: "ensemble-threshold",
+                path: None,
+                config: (q_min: 5.0, combine: Pessimistic),
+            ),
+        ],
+        reset_attempts: 1,
+        reset_test: AnyVisited,
+        between_attempts: Forward,
+        stop_on_reset: true,
+        warm_up_steps: 1000,
+        shield_exploration: false,
+        fallback_action: None,
+    ),
+    reset_task: None,
+    experience: (
+        capacity: 1000000,
+        batch: 64,
+        updates_per_step: 1,
+        updates: Active,
+        bootstrap_probability: 1.0,
+        on_reset_success: Bootstrap,
+        on_reset_failure: Bootstrap,
+    ),
+    evaluation: (
+        every: 10000,
+        episodes: 10,
+        agent: Forward,
+        start: None,
+        shielded: false,
+        solved_at: 1.0,
+    ),
+    hard_reset_cost: 1.0,
+    threads: 2,
+)
+"#;
+
+#[test]
+fn a_file_that_cannot_be_read_is_named() {
+    let error = ExperimentFile::read("no/such.ron").unwrap_err();
+    assert!(error.to_string().starts_with("no/such.ron: the file cannot be read: "), "{error}");
+}
+
+#[test]
+fn a_damaged_file_panics_or_is_faulted_outside_itself() {
+    let ends: Vec<usize> = EXAMPLE.char_indices().map(|(offset, _)| offset).collect();
+    let mut refused = 0;
+    for pair in ends.windows(2) {
+        let (start, end) = (pair[0], pair[1]);
+        let without = format!("{}{}", &EXAMPLE[..start], &EXAMPLE[end..]);
+        for text in [EXAMPLE[..start].to_owned(), without.clone(), format!("{}({without}", &EXAMPLE[..start])]
+        {
+            let Err(error) = file(&text).variants(&[], None) else { continue };
+            refused += 1;
+            let Location::File { position: Some(position), .. } = error.location else { panic!("{error}") };
+            let lines = text.matches('\n').count() + 1;
+            assert!((1..=lines).contains(&(position.line as usize)), "{error}\n{text}");
+        }
+    }
+    assert!(refused > 2 * EXAMPLE.len(), "{refused}");
+}

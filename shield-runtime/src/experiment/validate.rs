@@ -1,0 +1,133 @@
+//! What the types of an experiment cannot say.
+
+use super::config::{EvaluatedAgent, EvaluationConfig, ExperienceConfig, Experiment, Mode, ResetAttempts};
+
+/// What is wrong, and the path of the value to which it belongs.
+#[derive(Debug, PartialEq, Eq)]
+pub(super) struct Complaint {
+    pub path: String,
+    pub message: String,
+}
+
+type Checked = Result<(), Complaint>;
+
+fn ensure(holds: bool, path: impl Into<String>, message: impl Into<String>) -> Checked {
+    if holds { Ok(()) } else { Err(Complaint { path: path.into(), message: message.into() }) }
+}
+
+/// Refuses what cannot be run.
+pub(super) fn validate(experiment: &Experiment) -> Checked {
+    folder_name("name", &experiment.name)?;
+    ensure(experiment.steps > 0, "steps", "a run needs at least one step")?;
+    seeds(&experiment.seeds)?;
+    ensure(experiment.threads > 0, "threads", "a run needs at least one thread")?;
+    let cost = experiment.hard_reset_cost;
+    ensure(
+        cost.is_finite() && cost >= 0.0,
+        "hard_reset_cost",
+        format!("the cost of a hard reset is {cost}; it must be finite and not negative"),
+    )?;
+    plugins(experiment)?;
+    mode(experiment)?;
+    shield(experiment)?;
+    experience(&experiment.experience)?;
+    experiment.evaluation.as_ref().map_or(Ok(()), |settings| evaluation(experiment, settings))
+}
+
+/// Refuses names that cannot be a folder's on every system.
+pub(super) fn folder_name(path: &str, name: &str) -> Checked {
+    let forbidden = |character: char| character.is_control() || "/\\:*?\"<>|".contains(character);
+    let trimmed = name.trim_end_matches('.').trim();
+    ensure(
+        !name.is_empty() && trimmed == name && !name.contains(forbidden),
+        path,
+        format!(
+            "{name:?} cannot name a folder: it must not be empty, contain any of / \\ : * ? \" < > |, begin or end with a space, or end with a dot"
+        ),
+    )
+}
+
+fn seeds(seeds: &[u64]) -> Checked {
+    ensure(!seeds.is_empty(), "seeds", "at least one seed is needed")?;
+    for (index, seed) in seeds.iter().enumerate() {
+        let is_new = !seeds[..index].contains(seed);
+        ensure(is_new, format!("seeds[{index}]"), format!("the seed {seed} is given twice"))?;
+    }
+    Ok(())
+}
+
+fn plugins(experiment: &Experiment) -> Checked {
+    for (path, choice) in experiment.plugins() {
+        ensure(!choice.plugin.is_empty(), format!("{path}.plugin"), "the id of a plugin is empty")?;
+    }
+    Ok(())
+}
+
+fn mode(experiment: &Experiment) -> Checked {
+    let has_reset = experiment.reset.is_some();
+    match experiment.mode {
+        Mode::Shielded => {
+            ensure(has_reset, "mode", "`Shielded` needs a reset agent: `reset: (plugin: …)`")?;
+            ensure(
+                !experiment.shield.rules.is_empty(),
+                "shield.rules",
+                "`Shielded` without any rule would never abort: give at least one in `shield: (rules: […])`, or another mode",
+            )
+        }
+        Mode::ResetOnly { .. } => {
+            ensure(has_reset, "mode", "`ResetOnly` needs a reset agent: `reset: (plugin: …)`")
+        }
+        Mode::StatusQuo | Mode::ForwardOnly => Ok(()),
+    }
+}
+
+fn shield(experiment: &Experiment) -> Checked {
+    let settings = &experiment.shield;
+    ensure(
+        settings.reset_attempts != ResetAttempts::After(0),
+        "shield.reset_attempts",
+        "a hard reset can follow 1 failed attempt or more, not 0; `Unlimited` means never",
+    )?;
+    for (index, value) in settings.fallback_action.iter().flatten().enumerate() {
+        let path = format!("shield.fallback_action[{index}]");
+        ensure(value.is_finite(), path, format!("an action cannot be {value}"))?;
+    }
+    Ok(())
+}
+
+fn experience(settings: &ExperienceConfig) -> Checked {
+    let ExperienceConfig { capacity, batch, bootstrap_probability: probability, .. } = *settings;
+    ensure(batch > 0, "experience.batch", "a batch needs at least one transition")?;
+    ensure(
+        batch <= capacity,
+        "experience.batch",
+        format!("a batch of {batch} does not fit into a capacity of {capacity}"),
+    )?;
+    ensure(
+        probability > 0.0 && probability <= 1.0,
+        "experience.bootstrap_probability",
+        format!("{probability} is not a probability above 0 and up to 1"),
+    )
+}
+
+fn evaluation(experiment: &Experiment, settings: &EvaluationConfig) -> Checked {
+    ensure(settings.every > 0, "evaluation.every", "evaluations need at least one step between them")?;
+    ensure(settings.episodes > 0, "evaluation.episodes", "an evaluation needs at least one episode")?;
+    let share = settings.solved_at;
+    ensure(
+        share > 0.0 && share <= 1.0,
+        "evaluation.solved_at",
+        format!("{share} is not a share above 0 and up to 1"),
+    )?;
+    let learns_to_reset = matches!(experiment.mode, Mode::Shielded | Mode::ResetOnly { .. });
+    ensure(
+        settings.agent == EvaluatedAgent::Forward || learns_to_reset,
+        "evaluation.agent",
+        format!("the mode {:?} has no reset agent to evaluate", experiment.mode),
+    )?;
+    ensure(
+        !settings.shielded || learns_to_reset && !experiment.shield.rules.is_empty(),
+        "evaluation.shielded",
+        "there is no shield to evaluate behind: it takes a mode with a reset agent, and a rule",
+    )
+}

@@ -1,0 +1,429 @@
+//! The joint loop: forward and reset agent take turns (Algorithm 1 of the paper).
+
+use std::{
+    sync::atomic::{AtomicBool, Ordering},
+    time::Instant,
+};
+
+use rand::Rng;
+use rand_pcg::Pcg64;
+use shield_api::{ActMode, Error, ErrorKind, StepOutcome};
+
+use crate::{
+    agent::{Agent, ForwardAgent},
+    decision::{Abort, Cause, Decision},
+    evaluation::Evaluator,
+    experience::{AgentRole, AgentShare, Experience, Transition},
+    experiment::{BetweenAttempts, Endings, Mode, OnResetFailure, OnResetSuccess, ResetTest, Updates},
+    observer::{Counters, EpisodeEnd, EpisodeRecord, Intervention, Observer, Tally},
+    plugin,
+    shield::{Moment, Shield},
+    world::World,
+};
+
+/// Settings of the loop, as the experiment gives them.
+#[derive(Debug, Clone)]
+pub struct LoopSettings {
+    /// Who acts, and when the world is reset.
+    pub mode: Mode,
+    /// Environment steps of the run, both phases.
+    pub steps: u64,
+    /// N; `None` forbids hard resets.
+    pub reset_attempts: Option<u32>,
+    /// Which states of a reset episode count.
+    pub reset_test: ResetTest,
+    /// What lies between two attempts.
+    pub between_attempts: BetweenAttempts,
+    /// A reset episode ends as soon as the reset set is reached.
+    pub stop_on_reset: bool,
+    /// The rules judge the reset agent's exploratory actions too.
+    pub shield_exploration: bool,
+    /// Who learns after a step.
+    pub updates: Updates,
+    /// Updates after each step.
+    pub updates_per_step: usize,
+    /// How reset episodes end for the reset agent's values.
+    pub endings: Endings,
+    /// Steps between two evaluations.
+    pub evaluate_every: Option<u64>,
+}
+
+/// Who takes part in a loop.
+pub struct Participants {
+    /// Environment and reset task.
+    pub world: World,
+    /// Does the task; `None` in `ResetOnly`.
+    pub forward: Option<ForwardAgent>,
+    /// Undoes it; `None` in `StatusQuo` and `ForwardOnly`.
+    pub reset: Option<Agent>,
+    /// Stands between; `Some` in `Shielded` only.
+    pub shield: Option<Shield>,
+    /// Evaluates in a second instance of the environment.
+    pub evaluator: Option<Evaluator>,
+    /// What both agents learn from.
+    pub experience: Experience,
+}
+
+/// The random numbers of the loop itself.
+pub struct LoopRandomness {
+    /// Seeds of hard resets.
+    pub resets: Pcg64,
+    /// Bootstrap masks.
+    pub masks: Pcg64,
+}
+
+/// One run of the joint loop.
+pub struct JointLoop<'a> {
+    settings: LoopSettings,
+    world: World,
+    forward: Option<ForwardAgent>,
+    reset: Option<Agent>,
+    shield: Option<Shield>,
+    evaluator: Option<Evaluator>,
+    experience: Experience,
+    randomness: LoopRandomness,
+    observer: &'a mut dyn Observer,
+    stop: &'a AtomicBool,
+    counters: Counters,
+    failed_attempts: u32,
+    was_irreversible: bool,
+    has_previous: bool,
+    last_evaluation: Option<u64>,
+    proposed: Vec<f32>,
+    action: Vec<f32>,
+    previous: Vec<f32>,
+    forward_values: Vec<f32>,
+}
+
+impl<'a> JointLoop<'a> {
+    /// Prepares a run; `stop` ends it after the present step.
+    pub fn new(
+        settings: LoopSettings,
+        participants: Participants,
+        randomness: LoopRandomness,
+        observer: &'a mut dyn Observer,
+        stop: &'a AtomicBool,
+    ) -> Self {
+        let Participants { world, forward, reset, shield, evaluator, experience } = participants;
+        let action = vec![0.0; world.spec().spaces.action_len()];
+        let wants_forward_values = shield.as_ref().is_some_and(|shield| shield.needs().forward_values);
+        let members = forward.as_ref().map_or(0, ForwardAgent::members);
+        Self {
+            forward_values: vec![0.0; if wants_forward_values { members } else { 0 }],
+            proposed: action.clone(),
+            previous: action.clone(),
+            action,
+            settings,
+            world,
+            forward,
+            reset,
+            shield,
+            evaluator,
+            experience,
+            randomness,
+            observer,
+            stop,
+            counters: Counters::default(),
+            failed_attempts: 0,
+            was_irreversible: false,
+            has_previous: false,
+            last_evaluation: None,
+        }
+    }
+
+    /// What the run has counted so far.
+    pub fn counters(&self) -> &Counters {
+        &self.counters
+    }
+
+    /// Runs until the steps are used up or `stop` is set; returns whether it was stopped.
+    ///
+    /// # Errors
+    /// A plugin or the observer failed. Nothing was executed that was not decided before.
+    pub fn run(&mut self) -> anyhow::Result<bool> {
+        let mode = self.settings.mode.clone();
+        if !matches!(mode, Mode::ResetOnly { .. }) {
+            self.place_at(None)?;
+        }
+        while !self.is_over() {
+            match &mode {
+                Mode::Shielded => self.forward_then_reset()?,
+                Mode::StatusQuo => {
+                    let episode = self.forward_episode()?;
+                    self.close(episode, true)?;
+                }
+                Mode::ForwardOnly => {
+                    let episode = self.forward_episode()?;
+                    self.close(episode, episode.end == EpisodeEnd::Terminated)?;
+                }
+                Mode::ResetOnly { start } => {
+                    self.counters.hard_resets += 1;
+                    self.place_at(start.as_deref())?;
+                    let episode = self.reset_episode()?;
+                    self.close(episode, false)?;
+                }
+            }
+        }
+        if self.settings.evaluate_every.is_some() && self.last_evaluation != Some(self.counters.steps) {
+            self.evaluate()?;
+        }
+        Ok(self.is_stopped())
+    }
+
+    /// One turn of Algorithm 1: a forward episode, then attempts to undo it.
+    fn forward_then_reset(&mut self) -> anyhow::Result<()> {
+        let episode = self.forward_episode()?;
+        let is_terminated = episode.end == EpisodeEnd::Terminated;
+        self.close(episode, is_terminated)?;
+        while !is_terminated && !self.is_over() {
+            let attempt = self.reset_episode()?;
+            if matches!(attempt.end, EpisodeEnd::Budget | EpisodeEnd::Interrupted) {
+                return self.close(attempt, false);
+            }
+            self.failed_attempts = if attempt.has_reset { 0 } else { self.failed_attempts + 1 };
+            let has_given_up =
+                self.settings.reset_attempts.is_some_and(|limit| self.failed_attempts >= limit);
+            let needs_hard_reset = attempt.end == EpisodeEnd::Terminated || has_given_up;
+            self.close(attempt, needs_hard_reset)?;
+            let tries_again = !attempt.has_reset && self.settings.between_attempts == BetweenAttempts::Reset;
+            if needs_hard_reset || !tries_again {
+                break;
+            }
+        }
+        Ok(())
+    }
+
+    fn forward_episode(&mut self) -> anyhow::Result<EpisodeRecord> {
+        let mut tally = Tally::default();
+        self.counters.forward_episodes += 1;
+        for remaining in (0..self.world.spec().episode_length).rev() {
+            if let Some(abort) = self.propose()? {
+                self.counters.early_aborts += 1;
+                self.counters.failed_closed += u64::from(abort.cause != Cause::Rejected);
+                return Ok(record(AgentRole::Forward, &tally, EpisodeEnd::Abort, false));
+            }
+            let outcome = self.world.step(&self.action)?;
+            tally += &outcome;
+            self.counters.forward_steps += 1;
+            self.remember(&outcome, true);
+            self.learn(AgentRole::Forward)?;
+            if let Some(end) = self.step_is_over(&outcome, remaining == 0)? {
+                return Ok(record(AgentRole::Forward, &tally, end, false));
+            }
+        }
+        unreachable!("the last step of an episode ends it")
+    }
+
+    fn reset_episode(&mut self) -> anyhow::Result<EpisodeRecord> {
+        let mut tally = Tally::default();
+        self.counters.reset_episodes += 1;
+        for remaining in (0..self.world.spec().episode_length).rev() {
+            self.act_to_reset()?;
+            let outcome = self.world.step(&self.action)?;
+            tally += &outcome;
+            let has_reset = match self.settings.reset_test {
+                ResetTest::AnyVisited => tally.visited_reset_set,
+                ResetTest::FinalState => tally.is_in_reset_set,
+            };
+            let has_failed = remaining == 0 && !has_reset;
+            let continues = !has_failed || self.settings.endings.on_failure == OnResetFailure::Bootstrap;
+            self.remember(&outcome, continues);
+            self.learn(AgentRole::Reset)?;
+            let over = self.step_is_over(&outcome, remaining == 0)?;
+            let stops = self.settings.stop_on_reset && outcome.in_reset_set && !outcome.terminated;
+            if stops {
+                return Ok(record(AgentRole::Reset, &tally, EpisodeEnd::ResetSet, has_reset));
+            }
+            if let Some(end) = over {
+                return Ok(record(AgentRole::Reset, &tally, end, has_reset));
+            }
+        }
+        unreachable!("the last step of an episode ends it")
+    }
+
+    /// Lets the forward agent propose and the shield decide; afterwards `action` may be executed, unless there was an abort.
+    fn propose(&mut self) -> anyhow::Result<Option<Abort>> {
+        let forward = self.forward.as_mut().expect("modes with forward episodes have a forward agent");
+        let observation = self.world.observation();
+        let acted = forward.act(observation, ActMode::Explore, &mut self.action);
+        let (Some(shield), Some(reset)) = (&mut self.shield, &mut self.reset) else {
+            return acted.map(|()| None).map_err(Into::into);
+        };
+        let failure = acted.err();
+        if let Some(error) = &failure {
+            // A panicked plugin never acts again; any other failure may pass, and must not be executed meanwhile.
+            if error.kind() == ErrorKind::Panicked {
+                return Err(error.clone().into());
+            }
+            self.action.fill(f32::NAN);
+        }
+        self.proposed.copy_from_slice(&self.action);
+        let start = Instant::now();
+        if !self.forward_values.is_empty()
+            && forward.q_values(observation, &self.action, &mut self.forward_values).is_err()
+        {
+            self.forward_values.fill(f32::NAN);
+        }
+        let moment = Moment {
+            step: self.counters.steps,
+            observation,
+            previous: self.has_previous.then_some(&self.previous),
+            forward_values: &self.forward_values,
+        };
+        let decision = shield.filter(reset.learner(), &moment, &mut self.action);
+        self.observer.on_decision_time(start.elapsed());
+        self.counters.warm_up_decisions += u64::from(decision == Decision::WarmUp);
+        let Some(mut abort) = decision.abort() else { return Ok(None) };
+        let failure = failure.as_ref().map(Error::message);
+        if failure.is_some() {
+            abort.cause = Cause::ForwardFailed;
+        }
+        self.observer.on_intervention(&Intervention {
+            step: self.counters.steps,
+            role: AgentRole::Forward,
+            proposed: &self.proposed,
+            executed: None,
+            abort,
+            reason: failure.unwrap_or(shield.reason()),
+        })?;
+        Ok(Some(abort))
+    }
+
+    /// Lets the reset agent act; where its exploration is shielded, a rejected action gives way to its greedy one.
+    fn act_to_reset(&mut self) -> anyhow::Result<()> {
+        let reset = self.reset.as_mut().expect("modes with reset episodes have a reset agent");
+        let observation = self.world.observation();
+        reset.learner().act(observation, ActMode::Explore, &mut self.action)?;
+        let (Some(shield), true) = (&mut self.shield, self.settings.shield_exploration) else {
+            return Ok(());
+        };
+        self.proposed.copy_from_slice(&self.action);
+        let moment = Moment {
+            step: self.counters.steps,
+            observation,
+            previous: self.has_previous.then_some(&self.previous),
+            forward_values: &[],
+        };
+        if let Some(abort) = shield.guard(reset.learner(), &moment, &mut self.action).abort() {
+            self.counters.exploration_replaced += 1;
+            self.observer.on_intervention(&Intervention {
+                step: self.counters.steps,
+                role: AgentRole::Reset,
+                proposed: &self.proposed,
+                executed: Some(&self.action),
+                abort,
+                reason: shield.reason(),
+            })?;
+        }
+        Ok(())
+    }
+
+    /// Stores the step for both agents. `reset_continues` is false at the end of a failed reset episode that counts as final.
+    fn remember(&mut self, outcome: &StepOutcome, reset_continues: bool) {
+        let is_reset_terminal =
+            outcome.in_reset_set && self.settings.endings.on_success == OnResetSuccess::Terminal;
+        let transition = Transition {
+            observation: self.world.observation(),
+            action: &self.action,
+            next_observation: self.world.next_observation(),
+            forward: AgentShare { reward: outcome.forward_reward, continues: !outcome.terminated },
+            reset: AgentShare {
+                reward: outcome.reset_reward,
+                continues: reset_continues && !outcome.terminated && !is_reset_terminal,
+            },
+        };
+        self.experience.push(&transition, &mut self.randomness.masks);
+        self.world.advance();
+        self.previous.copy_from_slice(&self.action);
+        self.has_previous = true;
+        self.counters.steps += 1;
+        self.counters.irreversible_entries += u64::from(outcome.irreversible && !self.was_irreversible);
+        self.was_irreversible = outcome.irreversible;
+    }
+
+    fn learn(&mut self, in_charge: AgentRole) -> anyhow::Result<()> {
+        let updates = self.settings.updates_per_step;
+        let learns = |role| in_charge == role || self.settings.updates == Updates::Both;
+        if let Some(forward) = self.forward.as_mut().filter(|_| learns(AgentRole::Forward)) {
+            forward.learn(&self.experience, updates)?;
+        }
+        if let Some(reset) = self.reset.as_mut().filter(|_| learns(AgentRole::Reset)) {
+            reset.learn(&self.experience, updates)?;
+        }
+        Ok(())
+    }
+
+    /// What follows every step: evaluation, and whether the episode ends for a reason that both phases share.
+    fn step_is_over(&mut self, outcome: &StepOutcome, is_last: bool) -> anyhow::Result<Option<EpisodeEnd>> {
+        if self.settings.evaluate_every.is_some_and(|every| self.counters.steps.is_multiple_of(every)) {
+            self.evaluate()?;
+        }
+        self.observer.on_step(&self.counters)?;
+        Ok(if outcome.terminated {
+            Some(EpisodeEnd::Terminated)
+        } else if is_last {
+            Some(EpisodeEnd::TimeLimit)
+        } else if !self.is_over() {
+            None
+        } else if self.is_stopped() {
+            Some(EpisodeEnd::Interrupted)
+        } else {
+            Some(EpisodeEnd::Budget)
+        })
+    }
+
+    fn evaluate(&mut self) -> anyhow::Result<()> {
+        self.last_evaluation = Some(self.counters.steps);
+        let Some(evaluator) = &mut self.evaluator else { return Ok(()) };
+        let reset = self.reset.as_mut().map(Agent::learner);
+        let record = evaluator.run(self.counters.steps, self.forward.as_mut(), reset)?;
+        self.observer.on_evaluation(&record)
+    }
+
+    /// Ends an episode: the hard reset that may follow it, and the report of both.
+    fn close(&mut self, mut episode: EpisodeRecord, hard_reset: bool) -> anyhow::Result<()> {
+        episode.hard_reset = hard_reset;
+        self.counters.hard_resets += u64::from(hard_reset);
+        if hard_reset {
+            self.failed_attempts = 0;
+            self.place_at(None)?;
+        }
+        self.observer.on_episode(&episode, &self.counters)?;
+        let (step, observer) = (self.counters.steps, &mut self.observer);
+        let mut taken = Ok(());
+        plugin::drain_metrics(&mut |name, mean| {
+            if taken.is_ok() {
+                taken = observer.on_metric(step, name, mean);
+            }
+        });
+        taken
+    }
+
+    fn place_at(&mut self, start: Option<&str>) -> anyhow::Result<()> {
+        self.world.hard_reset(start, self.randomness.resets.next_u64())?;
+        self.was_irreversible = false;
+        self.has_previous = false;
+        Ok(())
+    }
+
+    fn is_over(&self) -> bool {
+        self.counters.steps >= self.settings.steps || self.is_stopped()
+    }
+
+    fn is_stopped(&self) -> bool {
+        self.stop.load(Ordering::Relaxed)
+    }
+}
+
+fn record(role: AgentRole, tally: &Tally, end: EpisodeEnd, has_reset: bool) -> EpisodeRecord {
+    EpisodeRecord {
+        role,
+        length: tally.length,
+        forward_return: tally.forward_return,
+        reset_return: tally.reset_return,
+        success: tally.success,
+        end,
+        has_reset,
+        hard_reset: false,
+    }
+}

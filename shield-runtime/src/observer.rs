@@ -1,0 +1,214 @@
+//! What the loop tells the outside: records, and the trait of whoever takes them.
+
+use std::{ops::AddAssign, time::Duration};
+
+use serde::Serialize;
+
+use crate::{decision::Abort, experience::AgentRole};
+
+/// Why an episode ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "snake_case")]
+pub enum EpisodeEnd {
+    /// The episode's length is reached.
+    TimeLimit,
+    /// The shield aborted the forward episode.
+    Abort,
+    /// A reset episode reached the reset set.
+    ResetSet,
+    /// The environment cannot go on.
+    Terminated,
+    /// The run's steps are used up.
+    Budget,
+    /// The user asked to stop.
+    Interrupted,
+}
+
+/// One finished episode of either agent.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct EpisodeRecord {
+    /// Who was in charge.
+    pub role: AgentRole,
+    /// Its steps.
+    pub length: u64,
+    /// Sum of forward rewards.
+    pub forward_return: f64,
+    /// Sum of reset rewards.
+    pub reset_return: f64,
+    /// The task was achieved at some step.
+    pub success: bool,
+    /// Why it ended.
+    pub end: EpisodeEnd,
+    /// For a reset episode: whether it succeeded by the configured test.
+    pub has_reset: bool,
+    /// A hard reset follows.
+    pub hard_reset: bool,
+}
+
+/// One rejected action.
+#[derive(Debug, Clone, Copy)]
+pub struct Intervention<'a> {
+    /// Environment steps before it.
+    pub step: u64,
+    /// Whose action it was.
+    pub role: AgentRole,
+    /// The rejected action.
+    pub proposed: &'a [f32],
+    /// What was executed instead; `None` where the episode ended.
+    pub executed: Option<&'a [f32]>,
+    /// Cause, rule and score.
+    pub abort: Abort,
+    /// Why, for a person.
+    pub reason: &'a str,
+}
+
+/// One evaluation.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct EvaluationRecord {
+    /// Training steps before it.
+    pub step: u64,
+    /// Mean return of its episodes.
+    pub mean_return: f64,
+    /// Share of its episodes that achieved the task.
+    pub success_rate: f64,
+    /// Entries into irreversible states, all episodes together.
+    pub irreversible_entries: u64,
+    /// Steps of all episodes together; not part of the budget.
+    pub steps: u64,
+}
+
+/// Everything that a run counts.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Counters {
+    /// Environment steps of both phases.
+    pub steps: u64,
+    /// Those of forward episodes.
+    pub forward_steps: u64,
+    /// Forward episodes.
+    pub forward_episodes: u64,
+    /// Reset episodes.
+    pub reset_episodes: u64,
+    /// Forward episodes that the shield aborted.
+    pub early_aborts: u64,
+    /// Of these, aborts because something failed rather than because a rule rejected.
+    pub failed_closed: u64,
+    /// Forward actions that passed unjudged because of `warm_up_steps`.
+    pub warm_up_decisions: u64,
+    /// Exploratory actions of the reset agent that were replaced by its greedy one.
+    pub exploration_replaced: u64,
+    /// Hard resets, the initial one excluded.
+    pub hard_resets: u64,
+    /// Times that an irreversible state was entered.
+    pub irreversible_entries: u64,
+}
+
+/// Takes what the loop reports. Errors end the run: a result that cannot be written is not worth computing.
+pub trait Observer {
+    /// After each environment step. Must be cheap.
+    ///
+    /// # Errors
+    /// The observer cannot go on.
+    fn on_step(&mut self, counters: &Counters) -> anyhow::Result<()> {
+        let _ = counters;
+        Ok(())
+    }
+
+    /// How long the shield took to decide.
+    fn on_decision_time(&mut self, time: Duration) {
+        let _ = time;
+    }
+
+    /// After each rejected action.
+    ///
+    /// # Errors
+    /// The observer cannot go on.
+    fn on_intervention(&mut self, intervention: &Intervention<'_>) -> anyhow::Result<()> {
+        let _ = intervention;
+        Ok(())
+    }
+
+    /// After each episode, and after the hard reset that may follow it.
+    ///
+    /// # Errors
+    /// The observer cannot go on.
+    fn on_episode(&mut self, episode: &EpisodeRecord, counters: &Counters) -> anyhow::Result<()> {
+        let _ = (episode, counters);
+        Ok(())
+    }
+
+    /// A learner's own figure, its mean over the episode that just ended.
+    ///
+    /// # Errors
+    /// The observer cannot go on.
+    fn on_metric(&mut self, step: u64, name: &str, mean: f64) -> anyhow::Result<()> {
+        let _ = (step, name, mean);
+        Ok(())
+    }
+
+    /// After each evaluation.
+    ///
+    /// # Errors
+    /// The observer cannot go on.
+    fn on_evaluation(&mut self, evaluation: &EvaluationRecord) -> anyhow::Result<()> {
+        let _ = evaluation;
+        Ok(())
+    }
+}
+
+/// Two observers that both take every report.
+#[derive(Debug)]
+pub struct Fanout<A, B>(pub A, pub B);
+
+impl<A: Observer, B: Observer> Observer for Fanout<A, B> {
+    fn on_step(&mut self, counters: &Counters) -> anyhow::Result<()> {
+        self.0.on_step(counters)?;
+        self.1.on_step(counters)
+    }
+
+    fn on_decision_time(&mut self, time: Duration) {
+        self.0.on_decision_time(time);
+        self.1.on_decision_time(time);
+    }
+
+    fn on_intervention(&mut self, intervention: &Intervention<'_>) -> anyhow::Result<()> {
+        self.0.on_intervention(intervention)?;
+        self.1.on_intervention(intervention)
+    }
+
+    fn on_episode(&mut self, episode: &EpisodeRecord, counters: &Counters) -> anyhow::Result<()> {
+        self.0.on_episode(episode, counters)?;
+        self.1.on_episode(episode, counters)
+    }
+
+    fn on_metric(&mut self, step: u64, name: &str, mean: f64) -> anyhow::Result<()> {
+        self.0.on_metric(step, name, mean)?;
+        self.1.on_metric(step, name, mean)
+    }
+
+    fn on_evaluation(&mut self, evaluation: &EvaluationRecord) -> anyhow::Result<()> {
+        self.0.on_evaluation(evaluation)?;
+        self.1.on_evaluation(evaluation)
+    }
+}
+
+/// Adds up the steps of an episode.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Tally {
+    pub length: u64,
+    pub forward_return: f64,
+    pub reset_return: f64,
+    pub success: bool,
+    pub visited_reset_set: bool,
+    pub is_in_reset_set: bool,
+}
+
+impl AddAssign<&shield_api::StepOutcome> for Tally {
+    fn add_assign(&mut self, outcome: &shield_api::StepOutcome) {
+        self.length += 1;
+        self.forward_return += f64::from(outcome.forward_reward);
+        self.reset_return += f64::from(outcome.reset_reward);
+        self.success |= outcome.success;
+        self.visited_reset_set |= outcome.in_reset_set;
+        self.is_in_reset_set = outcome.in_reset_set;
+    }
+}

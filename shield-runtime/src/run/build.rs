@@ -1,0 +1,264 @@
+//! From an experiment to a run that can start: every plugin loaded and configured, before anything is written.
+
+use rand::Rng;
+use rand_pcg::Pcg64;
+use shield_api::{Learner, Setup, Space, Spaces};
+
+use crate::{
+    agent::{Agent, ForwardAgent},
+    evaluation::Evaluator,
+    experience::{AgentRole, Experience},
+    experiment::{
+        EvaluatedAgent, EvaluationConfig, Experiment, Forward, InputError, Mode, PluginChoice, Variant,
+    },
+    joint_loop::{LoopRandomness, LoopSettings, Participants},
+    plugin::{self, PluginError, Registry, Selection},
+    shield::{Shield, ShieldSettings},
+    world::World,
+};
+
+/// A run that can start.
+pub struct Prepared {
+    /// Settings of the loop.
+    pub settings: LoopSettings,
+    /// Who takes part.
+    pub participants: Participants,
+    /// The loop's own random numbers.
+    pub randomness: LoopRandomness,
+}
+
+/// What draws random numbers in a run. Each has a stream of its own, so that a change in one leaves the others alone.
+#[derive(Debug, Clone, Copy)]
+enum Stream {
+    Environment,
+    EvaluationEnvironment,
+    Forward,
+    Reset,
+    ResetTask,
+    EvaluationResetTask,
+    Rules,
+    EvaluationRules,
+    ForwardBatches,
+    ResetBatches,
+    HardResets,
+    Masks,
+    EvaluationSeeds,
+}
+
+fn generator(seed: u64, stream: Stream) -> Pcg64 {
+    Pcg64::new(u128::from(seed), stream as u128)
+}
+
+fn derived_seed(seed: u64, stream: Stream) -> u64 {
+    generator(seed, stream).next_u64()
+}
+
+/// Loads and configures everything that a run of `variant` with `seed` needs. Writes nothing.
+///
+/// # Errors
+/// A plugin is missing or broken, refuses its configuration, or does not fit the others.
+pub fn prepare(registry: &Registry, variant: &Variant, seed: u64) -> Result<Prepared, InputError> {
+    Builder { registry, variant, experiment: &variant.experiment, seed }.prepare()
+}
+
+struct Builder<'a> {
+    registry: &'a Registry,
+    variant: &'a Variant,
+    experiment: &'a Experiment,
+    seed: u64,
+}
+
+impl Builder<'_> {
+    fn prepare(&self) -> Result<Prepared, InputError> {
+        let experiment = self.experiment;
+        let world = self.world(Stream::Environment, Stream::ResetTask)?;
+        let spaces = world.spec().spaces.clone();
+        let mode = &experiment.mode;
+        let forward = match mode {
+            Mode::ResetOnly { .. } => None,
+            _ => Some(self.forward(&spaces)?),
+        };
+        let reset = match mode {
+            Mode::Shielded | Mode::ResetOnly { .. } => Some(self.reset(&spaces)?),
+            Mode::StatusQuo | Mode::ForwardOnly => None,
+        };
+        let shield = match (mode, &reset) {
+            (Mode::Shielded, Some(reset)) => Some(self.shield(&**reset, &spaces, Stream::Rules)?),
+            _ => None,
+        };
+        let evaluator = match &experiment.evaluation {
+            None => None,
+            Some(evaluation) => Some(self.evaluator(evaluation, reset.as_deref(), &spaces)?),
+        };
+        if let Mode::ResetOnly { start: Some(start) } = mode {
+            self.check_start("mode", start, &world)?;
+        }
+        let config = &experiment.experience;
+        let members = [
+            forward.as_ref().map_or(0, ForwardAgent::members),
+            reset.as_ref().map_or(0, |reset| reset.info().members),
+        ];
+        let sampler = generator(self.seed, Stream::ResetBatches);
+        let participants = Participants {
+            experience: Experience::new(config.capacity, &spaces, members, config.bootstrap_probability),
+            reset: reset.map(|reset| Agent::new(AgentRole::Reset, reset, config.batch, &spaces, sampler)),
+            world,
+            forward,
+            shield,
+            evaluator,
+        };
+        let randomness = LoopRandomness {
+            resets: generator(self.seed, Stream::HardResets),
+            masks: generator(self.seed, Stream::Masks),
+        };
+        Ok(Prepared { settings: loop_settings(experiment), participants, randomness })
+    }
+
+    fn world(&self, environment: Stream, task: Stream) -> Result<World, InputError> {
+        let choice = &self.experiment.environment;
+        let setup = Setup::new(derived_seed(self.seed, environment), self.experiment.threads, plugin::host());
+        let environment = self
+            .registry
+            .environment(&selection(choice), choice.config.get_ron(), &setup)
+            .map_err(|error| self.input_error("environment", error))?;
+        let spaces = shield_api::Environment::spec(&environment).spaces;
+        let task: Option<Box<dyn shield_api::ResetTask>> = match &self.experiment.reset_task {
+            None => None,
+            Some(choice) => Some(Box::new(
+                self.registry
+                    .reset_task(&selection(choice), choice.config.get_ron(), &self.setup(task, &spaces))
+                    .map_err(|error| self.input_error("reset_task", error))?,
+            )),
+        };
+        World::new(Box::new(environment), task).map_err(|error| self.refused("environment", &error))
+    }
+
+    fn forward(&self, spaces: &Spaces) -> Result<ForwardAgent, InputError> {
+        let setup = self.setup(Stream::Forward, spaces);
+        match &self.experiment.forward {
+            Forward::Learner(choice) => {
+                let learner = self.learner("forward", choice, &setup)?;
+                let sampler = generator(self.seed, Stream::ForwardBatches);
+                let batch = self.experiment.experience.batch;
+                let agent = Agent::new(AgentRole::Forward, learner, batch, spaces, sampler);
+                Ok(ForwardAgent::Learner(Box::new(agent)))
+            }
+            Forward::Policy(choice) => {
+                let policy = self.registry.policy(&selection(choice), choice.config.get_ron(), &setup);
+                let policy = policy.map_err(|error| self.input_error("forward", error))?;
+                Ok(ForwardAgent::Policy(Box::new(policy)))
+            }
+        }
+    }
+
+    fn reset(&self, spaces: &Spaces) -> Result<Box<dyn Learner>, InputError> {
+        let choice = self.experiment.reset.as_ref().expect("validated: modes with a reset agent name one");
+        self.learner("reset", choice, &self.setup(Stream::Reset, spaces))
+    }
+
+    fn learner(
+        &self,
+        path: &str,
+        choice: &PluginChoice,
+        setup: &Setup,
+    ) -> Result<Box<dyn Learner>, InputError> {
+        let learner = self.registry.learner(&selection(choice), choice.config.get_ron(), setup);
+        Ok(Box::new(learner.map_err(|error| self.input_error(path, error))?))
+    }
+
+    fn shield(&self, reset: &dyn Learner, spaces: &Spaces, stream: Stream) -> Result<Shield, InputError> {
+        let config = &self.experiment.shield;
+        let mut setup = self.setup(stream, spaces);
+        let mut rules: Vec<Box<dyn shield_api::AbortRule>> = Vec::new();
+        for (index, choice) in config.rules.iter().enumerate() {
+            setup.seed = setup.seed.wrapping_add(1);
+            let rule = self.registry.abort_rule(&selection(choice), choice.config.get_ron(), &setup);
+            let rule = rule.map_err(|error| self.input_error(&format!("shield.rules[{index}]"), error))?;
+            rules.push(Box::new(rule));
+        }
+        let fallback_action =
+            config.fallback_action.clone().unwrap_or_else(|| nearest_to_zero(&spaces.action));
+        let settings =
+            ShieldSettings { spaces: spaces.clone(), warm_up_steps: config.warm_up_steps, fallback_action };
+        Shield::new(rules, reset, settings).map_err(|error| self.refused("shield.fallback_action", &error))
+    }
+
+    fn evaluator(
+        &self,
+        config: &EvaluationConfig,
+        reset: Option<&dyn Learner>,
+        spaces: &Spaces,
+    ) -> Result<Evaluator, InputError> {
+        let world = self.world(Stream::EvaluationEnvironment, Stream::EvaluationResetTask)?;
+        if let Some(start) = &config.start {
+            self.check_start("evaluation.start", start, &world)?;
+        }
+        let shield = match reset {
+            Some(reset) if config.shielded => Some(self.shield(reset, spaces, Stream::EvaluationRules)?),
+            _ => None,
+        };
+        // Where only the reset agent exists, it is the one to be evaluated.
+        let agent = match self.experiment.mode {
+            Mode::ResetOnly { .. } => EvaluatedAgent::Reset,
+            _ => config.agent,
+        };
+        let seed = derived_seed(self.seed, Stream::EvaluationSeeds);
+        Ok(Evaluator::new(world, shield, agent, config.start.clone(), config.episodes, seed))
+    }
+
+    fn check_start(&self, path: &str, start: &str, world: &World) -> Result<(), InputError> {
+        let known = world.starts();
+        if known.iter().any(|name| name == start) {
+            return Ok(());
+        }
+        let known =
+            if known.is_empty() { "it has none".into() } else { format!("it has {}", known.join(", ")) };
+        let message = format!("the environment has no start named {start:?}; {known}");
+        Err(self.variant.error_at(path, None, message))
+    }
+
+    fn setup(&self, stream: Stream, spaces: &Spaces) -> Setup {
+        let seed = derived_seed(self.seed, stream);
+        Setup::with_spaces(seed, self.experiment.threads, plugin::host(), spaces.clone())
+    }
+
+    /// What a plugin says, at the place in the user's file that it speaks of.
+    fn input_error(&self, path: &str, error: PluginError) -> InputError {
+        match error.config_fault() {
+            Some((message, position)) => self.variant.error_at(&format!("{path}.config"), position, message),
+            None => self.variant.error_at(&format!("{path}.plugin"), None, error.to_string()),
+        }
+    }
+
+    fn refused(&self, path: &str, error: &shield_api::Error) -> InputError {
+        self.variant.error_at(path, None, error.message())
+    }
+}
+
+fn selection(choice: &PluginChoice) -> Selection {
+    Selection { id: choice.plugin.clone(), path: choice.path.clone() }
+}
+
+/// The action of the space that is nearest to zero: usually the one that does least.
+fn nearest_to_zero(space: &Space) -> Vec<f32> {
+    let mut action = vec![0.0; space.action_len()];
+    space.clamp(&mut action);
+    action
+}
+
+fn loop_settings(experiment: &Experiment) -> LoopSettings {
+    let (shield, experience) = (&experiment.shield, &experiment.experience);
+    LoopSettings {
+        mode: experiment.mode.clone(),
+        steps: experiment.steps,
+        reset_attempts: shield.reset_attempts.limit(),
+        reset_test: shield.reset_test,
+        between_attempts: shield.between_attempts,
+        stop_on_reset: shield.stop_on_reset,
+        shield_exploration: shield.shield_exploration,
+        updates: experience.updates,
+        updates_per_step: experience.updates_per_step,
+        endings: experience.endings(),
+        evaluate_every: experiment.evaluation.as_ref().map(|evaluation| evaluation.every),
+    }
+}

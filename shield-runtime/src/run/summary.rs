@@ -1,0 +1,175 @@
+//! `summary.json`: what a run came to, in one object. Keys are added, never renamed.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use crate::observer::{Counters, EvaluationRecord};
+
+/// Which run it is.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Identity {
+    /// Name of the experiment.
+    pub experiment: String,
+    /// Name of the variant.
+    pub variant: String,
+    /// Seed.
+    pub seed: u64,
+}
+
+/// The summary of a run. Only the four timing keys at its end differ between two runs of one seed.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Summary {
+    /// Name of the experiment.
+    pub experiment: String,
+    /// Name of the variant.
+    pub variant: String,
+    /// Seed.
+    pub seed: u64,
+    /// Whether all steps of the experiment were made.
+    pub complete: bool,
+    /// Environment steps of both phases.
+    pub steps: u64,
+    /// Those of forward episodes.
+    pub forward_steps: u64,
+    /// Forward episodes.
+    pub forward_episodes: u64,
+    /// Reset episodes.
+    pub reset_episodes: u64,
+    /// Forward episodes that the shield aborted.
+    pub early_aborts: u64,
+    /// Of these, aborts because something failed.
+    pub failed_closed: u64,
+    /// Rejected actions by cause, of either agent.
+    pub rejected_by_cause: BTreeMap<String, u64>,
+    /// Actions that were altered instead of aborted.
+    pub projections: u64,
+    /// Forward actions that passed unjudged in the warm-up.
+    pub warm_up_decisions: u64,
+    /// Exploratory actions of the reset agent replaced by its greedy one.
+    pub exploration_replaced: u64,
+    /// Hard resets, the initial one excluded.
+    pub hard_resets: u64,
+    /// Their costs, summed.
+    pub hard_reset_cost: f64,
+    /// Entries into irreversible states.
+    pub irreversible_entries: u64,
+    /// Mean return of the last evaluation.
+    pub final_return: Option<f64>,
+    /// Mean return of the best evaluation.
+    pub best_return: Option<f64>,
+    /// Share of successful episodes in the last evaluation.
+    pub success_rate: Option<f64>,
+    /// First step after which three evaluations in a row succeeded; the budget if never.
+    pub steps_to_solve: Option<u64>,
+    /// Whether a continued run equals an uninterrupted one.
+    pub exact_resume: bool,
+    /// Wall-clock time of the run.
+    pub wall_seconds: f64,
+    /// Environment steps per second of it.
+    pub steps_per_second: f64,
+    /// Median time of a decision of the shield in microseconds.
+    pub decision_us_p50: Option<f64>,
+    /// 99th percentile of the same.
+    pub decision_us_p99: Option<f64>,
+}
+
+/// What the evaluations of a run come to.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Evaluations {
+    pub last: Option<EvaluationRecord>,
+    pub best_return: Option<f64>,
+    streak: u32,
+    streak_start: u64,
+    solved: Option<u64>,
+}
+
+impl Evaluations {
+    pub fn add(&mut self, evaluation: &EvaluationRecord, solved_at: f64) {
+        // Rates are sums of 1/episodes: half an episode of slack keeps rounding from deciding.
+        if evaluation.success_rate >= solved_at - 1e-9 {
+            if self.streak == 0 {
+                self.streak_start = evaluation.step;
+            }
+            self.streak += 1;
+        } else {
+            self.streak = 0;
+        }
+        if self.streak == 3 && self.solved.is_none() {
+            self.solved = Some(self.streak_start);
+        }
+        self.best_return =
+            Some(self.best_return.map_or(evaluation.mean_return, |best| best.max(evaluation.mean_return)));
+        self.last = Some(*evaluation);
+    }
+
+    /// First step of the first three successes in a row; `budget` if there were evaluations but never three.
+    pub fn steps_to_solve(&self, budget: u64) -> Option<u64> {
+        self.last.map(|_| self.solved.unwrap_or(budget))
+    }
+}
+
+impl Summary {
+    /// A summary of what was counted; evaluations and times are still empty.
+    pub fn new(identity: &Identity, counters: &Counters, budget: u64, cost_of_hard_reset: f64) -> Self {
+        Self {
+            experiment: identity.experiment.clone(),
+            variant: identity.variant.clone(),
+            seed: identity.seed,
+            complete: counters.steps >= budget,
+            steps: counters.steps,
+            forward_steps: counters.forward_steps,
+            forward_episodes: counters.forward_episodes,
+            reset_episodes: counters.reset_episodes,
+            early_aborts: counters.early_aborts,
+            failed_closed: counters.failed_closed,
+            rejected_by_cause: BTreeMap::new(),
+            projections: 0,
+            warm_up_decisions: counters.warm_up_decisions,
+            exploration_replaced: counters.exploration_replaced,
+            hard_resets: counters.hard_resets,
+            hard_reset_cost: counters.hard_resets as f64 * cost_of_hard_reset,
+            irreversible_entries: counters.irreversible_entries,
+            final_return: None,
+            best_return: None,
+            success_rate: None,
+            steps_to_solve: None,
+            exact_resume: false,
+            wall_seconds: 0.0,
+            steps_per_second: 0.0,
+            decision_us_p50: None,
+            decision_us_p99: None,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn evaluate(successes: &[f64]) -> Option<u64> {
+        let mut evaluations = Evaluations::default();
+        for (index, success_rate) in successes.iter().enumerate() {
+            let step = (index as u64 + 1) * 100;
+            let record = EvaluationRecord {
+                step,
+                mean_return: 0.0,
+                success_rate: *success_rate,
+                irreversible_entries: 0,
+                steps: 1,
+            };
+            evaluations.add(&record, 1.0);
+        }
+        evaluations.steps_to_solve(9_999)
+    }
+
+    #[test]
+    fn a_task_is_solved_at_the_first_of_three_successes_in_a_row() {
+        assert_eq!(evaluate(&[]), None);
+        assert_eq!(evaluate(&[1.0, 1.0, 0.9, 1.0]), Some(9_999));
+        assert_eq!(evaluate(&[0.0, 1.0, 1.0, 1.0, 0.0, 1.0, 1.0, 1.0]), Some(200));
+        // Ten tenths do not add up to exactly 1.
+        let almost_one = (0..10).map(|_| 0.1).sum::<f64>();
+        assert_eq!(evaluate(&[almost_one; 3]), Some(100));
+    }
+}

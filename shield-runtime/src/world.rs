@@ -1,0 +1,92 @@
+//! The environment as the loop sees it: with the reset task applied, and every number checked.
+
+use shield_api::{Environment, EnvironmentSpec, Error, ResetTask, Result, StepOutcome, check_finite};
+
+/// An environment, the reset task that may replace its own, and the state in which it is.
+pub struct World {
+    environment: Box<dyn Environment>,
+    reset_task: Option<Box<dyn ResetTask>>,
+    spec: EnvironmentSpec,
+    observation: Vec<f32>,
+    next_observation: Vec<f32>,
+}
+
+impl World {
+    /// Puts a reset task around an environment.
+    ///
+    /// # Errors
+    /// Impossible spaces, or neither the environment nor a task says what "reset" means.
+    pub fn new(environment: Box<dyn Environment>, reset_task: Option<Box<dyn ResetTask>>) -> Result<Self> {
+        let spec = environment.spec();
+        spec.spaces.observation.validate("observation")?;
+        spec.spaces.action.validate("action")?;
+        if spec.episode_length == 0 {
+            return Err(Error::failed("the environment's episodes have no steps"));
+        }
+        if reset_task.is_none() && !spec.brings_reset_reward {
+            return Err(Error::failed(
+                "neither the environment nor the experiment says what \"reset\" means: name a `reset_task`, for example \
+                 Some(plugin: \"near-start\")",
+            ));
+        }
+        let observation = vec![0.0; spec.spaces.observation_len()];
+        Ok(Self { environment, reset_task, next_observation: observation.clone(), observation, spec })
+    }
+
+    /// What the environment is.
+    pub fn spec(&self) -> &EnvironmentSpec {
+        &self.spec
+    }
+
+    /// The present observation.
+    pub fn observation(&self) -> &[f32] {
+        &self.observation
+    }
+
+    /// The observation after the step that [`advance`](Self::advance) has not yet made the present.
+    pub fn next_observation(&self) -> &[f32] {
+        &self.next_observation
+    }
+
+    /// Names of the environment's other starts.
+    pub fn starts(&self) -> Vec<String> {
+        self.environment.starts()
+    }
+
+    /// A hard reset, to the usual start or to a named one.
+    ///
+    /// # Errors
+    /// The environment could not be reset, or its observation is not finite.
+    pub fn hard_reset(&mut self, start: Option<&str>, seed: u64) -> Result<()> {
+        match start {
+            None => self.environment.reset(seed, &mut self.observation)?,
+            Some(start) => self.environment.reset_to(start, seed, &mut self.observation)?,
+        }
+        check_finite("the observation after a reset", &self.observation, self.observation.len())?;
+        match &mut self.reset_task {
+            None => Ok(()),
+            Some(task) => task.observe_start(&self.observation),
+        }
+    }
+
+    /// Executes an action.
+    ///
+    /// # Errors
+    /// The environment or the reset task failed, or gave a number that is not finite.
+    pub fn step(&mut self, action: &[f32]) -> Result<StepOutcome> {
+        let mut outcome = self.environment.step(action, &mut self.next_observation)?;
+        check_finite("the observation after a step", &self.next_observation, self.observation.len())?;
+        if let Some(task) = &mut self.reset_task {
+            let signal = task.evaluate(&self.observation, action, &self.next_observation)?;
+            outcome.reset_reward = signal.reward;
+            outcome.in_reset_set = signal.in_reset_set;
+        }
+        check_finite("the rewards of a step", &[outcome.forward_reward, outcome.reset_reward], 2)?;
+        Ok(outcome)
+    }
+
+    /// Makes the observation after the last step the present one.
+    pub fn advance(&mut self) {
+        std::mem::swap(&mut self.observation, &mut self.next_observation);
+    }
+}

@@ -1,0 +1,313 @@
+//! A small world and scripted agents, so that each test can say what happens at every step.
+#![allow(dead_code, clippy::unwrap_used, reason = "part of tests, each of which uses some of it")]
+
+use std::sync::{Arc, Mutex, atomic::AtomicBool};
+
+use rand::SeedableRng;
+use rand_pcg::Pcg64;
+use shield_api::{
+    AbortRule, ActMode, Batch, Checkpoint, Environment, EnvironmentSpec, Error, Learner, LearnerInfo, Needs,
+    Policy, Reason, Result, RuleContext, RuleVerdict, Space, Spaces, StepOutcome,
+};
+use shield_runtime::{
+    agent::{Agent, ForwardAgent},
+    evaluation::Evaluator,
+    experience::{AgentRole, Experience},
+    experiment::{BetweenAttempts, Endings, Mode, ResetTest, Updates},
+    joint_loop::{JointLoop, LoopRandomness, LoopSettings, Participants},
+    observer::{Counters, EpisodeRecord, EvaluationRecord, Intervention, Observer},
+    shield::{Shield, ShieldSettings},
+    world::World,
+};
+
+pub const EPISODE: usize = 6;
+/// The cell from which nothing leads back.
+pub const PIT: i32 = 4;
+
+pub fn spaces() -> Spaces {
+    Spaces { observation: Space::unbounded(1), action: Space::uniform(1, -1.0, 1.0) }
+}
+
+/// A line of cells: a positive action leads right, any other left, never below 0; at `PIT` it stays. Reset means cell 0.
+pub struct Line {
+    pub cell: i32,
+    pub terminates_at: Option<i32>,
+    /// Everything that was executed: (cell before, action).
+    pub log: Arc<Mutex<Vec<(i32, f32)>>>,
+    pub resets: Arc<Mutex<Vec<Option<String>>>>,
+}
+
+impl Line {
+    pub fn new() -> Self {
+        Self { cell: 0, terminates_at: None, log: Arc::default(), resets: Arc::default() }
+    }
+}
+
+impl Checkpoint for Line {}
+
+impl Environment for Line {
+    fn spec(&self) -> EnvironmentSpec {
+        EnvironmentSpec { spaces: spaces(), episode_length: EPISODE, brings_reset_reward: true }
+    }
+
+    fn reset(&mut self, _seed: u64, observation: &mut [f32]) -> Result<()> {
+        self.resets.lock().unwrap().push(None);
+        self.cell = 0;
+        observation[0] = 0.0;
+        Ok(())
+    }
+
+    fn starts(&self) -> Vec<String> {
+        vec!["far".into()]
+    }
+
+    fn reset_to(&mut self, start: &str, _seed: u64, observation: &mut [f32]) -> Result<()> {
+        self.resets.lock().unwrap().push(Some(start.into()));
+        self.cell = 3;
+        observation[0] = 3.0;
+        Ok(())
+    }
+
+    fn step(&mut self, action: &[f32], observation: &mut [f32]) -> Result<StepOutcome> {
+        shield_api::check_finite("action", action, 1)?;
+        self.log.lock().unwrap().push((self.cell, action[0]));
+        if self.cell != PIT {
+            self.cell = (self.cell + if action[0] > 0.0 { 1 } else { -1 }).max(0);
+        }
+        observation[0] = self.cell as f32;
+        Ok(StepOutcome {
+            forward_reward: self.cell as f32,
+            reset_reward: f32::from(u8::from(self.cell == 0)),
+            in_reset_set: self.cell == 0,
+            terminated: self.terminates_at == Some(self.cell),
+            success: self.cell == 3,
+            irreversible: self.cell == PIT,
+        })
+    }
+}
+
+type Act = Box<dyn FnMut(f32, ActMode) -> f32 + Send>;
+type Value = Box<dyn FnMut(f32, f32) -> Vec<f32> + Send>;
+
+/// What an update saw: reward, continuation and mask of each row.
+pub type Seen = Arc<Mutex<Vec<(f32, f32, f32)>>>;
+
+pub struct Scripted {
+    pub members: usize,
+    pub act: Act,
+    pub value: Value,
+    pub seen: Seen,
+}
+
+impl Scripted {
+    pub fn acting(act: impl FnMut(f32, ActMode) -> f32 + Send + 'static) -> Self {
+        Self { members: 1, act: Box::new(act), value: Box::new(|_, _| vec![1.0]), seen: Seen::default() }
+    }
+
+    pub fn valuing(
+        mut self,
+        members: usize,
+        value: impl FnMut(f32, f32) -> Vec<f32> + Send + 'static,
+    ) -> Self {
+        self.members = members;
+        self.value = Box::new(value);
+        self
+    }
+}
+
+impl Checkpoint for Scripted {}
+
+impl Learner for Scripted {
+    fn info(&self) -> LearnerInfo {
+        LearnerInfo { members: self.members, discount: 0.9 }
+    }
+
+    fn act(&mut self, observation: &[f32], mode: ActMode, action: &mut [f32]) -> Result<()> {
+        action[0] = (self.act)(observation[0], mode);
+        if action[0] == f32::NEG_INFINITY { Err(Error::failed("no action today")) } else { Ok(()) }
+    }
+
+    fn q_values(&mut self, observation: &[f32], action: &[f32], values: &mut [f32]) -> Result<()> {
+        let found = (self.value)(observation[0], action[0]);
+        if found.is_empty() {
+            return Err(Error::failed("no values today"));
+        }
+        values.copy_from_slice(&found);
+        Ok(())
+    }
+
+    fn update(&mut self, batch: &Batch<'_>) -> Result<()> {
+        for row in 0..batch.size {
+            let members = self.members;
+            let mask = batch.masks[row * members..(row + 1) * members].iter().sum();
+            self.seen.lock().unwrap().push((batch.rewards[row], batch.continuations[row], mask));
+        }
+        Ok(())
+    }
+}
+
+impl Policy for Scripted {
+    fn act(&mut self, observation: &[f32], action: &mut [f32]) -> Result<()> {
+        Learner::act(self, observation, ActMode::Greedy, action)
+    }
+}
+
+type Judge = Box<dyn Fn(&RuleContext<'_>) -> Result<RuleVerdict> + Send>;
+
+/// A rule that is a closure.
+pub struct Rule {
+    pub needs: Needs,
+    pub judge: Judge,
+}
+
+impl Rule {
+    pub fn judging(
+        judge: impl Fn(&RuleContext<'_>) -> Result<RuleVerdict> + Send + 'static,
+    ) -> Box<dyn AbortRule> {
+        Box::new(Self { needs: Needs { values: true, ..Needs::default() }, judge: Box::new(judge) })
+    }
+
+    /// Rejects what the smallest value puts below the threshold.
+    pub fn below(threshold: f32) -> Box<dyn AbortRule> {
+        Self::judging(move |context| {
+            let value = context.values.iter().copied().fold(f32::INFINITY, f32::min);
+            Ok(RuleVerdict::from_safe(value >= threshold, value))
+        })
+    }
+}
+
+impl Checkpoint for Rule {}
+
+impl AbortRule for Rule {
+    fn needs(&self) -> Needs {
+        self.needs
+    }
+
+    fn evaluate(&self, context: &RuleContext<'_>, reason: &mut Reason<'_>) -> Result<RuleVerdict> {
+        use std::fmt::Write;
+        let verdict = (self.judge)(context)?;
+        write!(reason, "the rule compared {}", verdict.score).unwrap();
+        Ok(verdict)
+    }
+}
+
+pub fn shield(rules: Vec<Box<dyn AbortRule>>, reset_agent: &dyn Learner, warm_up_steps: u64) -> Shield {
+    let settings = ShieldSettings { spaces: spaces(), warm_up_steps, fallback_action: vec![-0.25] };
+    Shield::new(rules, reset_agent, settings).unwrap()
+}
+
+/// Keeps everything that the loop reports.
+#[derive(Default)]
+pub struct Notebook {
+    pub episodes: Vec<EpisodeRecord>,
+    /// Step, proposed, executed, cause, reason.
+    pub interventions: Vec<(u64, f32, Option<f32>, String, String)>,
+    pub evaluations: Vec<EvaluationRecord>,
+}
+
+impl Observer for Notebook {
+    fn on_episode(&mut self, episode: &EpisodeRecord, _counters: &Counters) -> anyhow::Result<()> {
+        self.episodes.push(*episode);
+        Ok(())
+    }
+
+    fn on_intervention(&mut self, intervention: &Intervention<'_>) -> anyhow::Result<()> {
+        self.interventions.push((
+            intervention.step,
+            intervention.proposed[0],
+            intervention.executed.map(|action| action[0]),
+            intervention.abort.cause.to_string(),
+            intervention.reason.to_string(),
+        ));
+        Ok(())
+    }
+
+    fn on_evaluation(&mut self, evaluation: &EvaluationRecord) -> anyhow::Result<()> {
+        self.evaluations.push(*evaluation);
+        Ok(())
+    }
+}
+
+/// A run to be described: defaults first, then what a test changes.
+pub struct Scene {
+    pub settings: LoopSettings,
+    pub line: Line,
+    pub forward: Option<ForwardAgent>,
+    pub reset: Option<Scripted>,
+    pub rules: Vec<Box<dyn AbortRule>>,
+    pub warm_up_steps: u64,
+    pub evaluator: Option<Evaluator>,
+    pub bootstrap_probability: f64,
+}
+
+pub fn settings(steps: u64) -> LoopSettings {
+    LoopSettings {
+        mode: Mode::Shielded,
+        steps,
+        reset_attempts: Some(1),
+        reset_test: ResetTest::AnyVisited,
+        between_attempts: BetweenAttempts::Forward,
+        stop_on_reset: true,
+        shield_exploration: false,
+        updates: Updates::Active,
+        updates_per_step: 1,
+        endings: Endings::default(),
+        evaluate_every: None,
+    }
+}
+
+pub fn forward_learner(learner: Scripted) -> Option<ForwardAgent> {
+    Some(ForwardAgent::Learner(Box::new(agent(AgentRole::Forward, learner))))
+}
+
+fn agent(role: AgentRole, learner: Scripted) -> Agent {
+    Agent::new(role, Box::new(learner), 1, &spaces(), Pcg64::seed_from_u64(1))
+}
+
+impl Scene {
+    /// Forward always goes right, reset always left, the rule rejects values below 0.5 (all are 1).
+    pub fn new(steps: u64) -> Self {
+        Self {
+            settings: settings(steps),
+            line: Line::new(),
+            forward: forward_learner(Scripted::acting(|_, _| 1.0)),
+            reset: Some(Scripted::acting(|_, _| -1.0)),
+            rules: vec![Rule::below(0.5)],
+            warm_up_steps: 0,
+            evaluator: None,
+            bootstrap_probability: 1.0,
+        }
+    }
+
+    pub fn run(self) -> (Counters, Notebook) {
+        let mut notebook = Notebook::default();
+        let counters = self.run_with(&mut notebook).unwrap();
+        (counters, notebook)
+    }
+
+    /// The memory holds one transition and batches have one row: every update sees exactly the step before it.
+    pub fn run_with(self, observer: &mut dyn Observer) -> anyhow::Result<Counters> {
+        let stop = AtomicBool::new(false);
+        let members = [
+            self.forward.as_ref().map_or(0, ForwardAgent::members),
+            self.reset.as_ref().map_or(0, |reset| reset.members),
+        ];
+        let shield = self
+            .reset
+            .as_ref()
+            .filter(|_| self.settings.mode == Mode::Shielded)
+            .map(|reset| shield(self.rules, reset, self.warm_up_steps));
+        let participants = Participants {
+            world: World::new(Box::new(self.line), None).unwrap(),
+            forward: self.forward,
+            reset: self.reset.map(|reset| agent(AgentRole::Reset, reset)),
+            shield,
+            evaluator: self.evaluator,
+            experience: Experience::new(1, &spaces(), members, self.bootstrap_probability),
+        };
+        let randomness = LoopRandomness { resets: Pcg64::seed_from_u64(2), masks: Pcg64::seed_from_u64(3) };
+        let mut joint = JointLoop::new(self.settings, participants, randomness, observer, &stop);
+        joint.run()?;
+        Ok(*joint.counters())
+    }
+}

@@ -1,0 +1,372 @@
+//! The joint loop, field by field: each setting changes what a scripted run does.
+
+mod common;
+
+use common::{EPISODE, Line, PIT, Rule, Scene, Scripted, forward_learner, spaces};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use shield_api::{ActMode, Error, RuleVerdict};
+use shield_runtime::{
+    agent::ForwardAgent,
+    evaluation::Evaluator,
+    experience::AgentRole,
+    experiment::{
+        BetweenAttempts, Endings, EvaluatedAgent, Mode, OnResetFailure, OnResetSuccess, ResetTest, Updates,
+    },
+    observer::EpisodeEnd,
+    world::World,
+};
+
+/// Rejects actions that lead into the pit.
+fn no_pit() -> Vec<Box<dyn shield_api::AbortRule>> {
+    vec![Rule::judging(|context| {
+        let falls = context.observation[0] >= (PIT - 1) as f32 && context.proposed[0] > 0.0;
+        Ok(RuleVerdict::from_safe(!falls, context.observation[0]))
+    })]
+}
+
+#[test]
+fn an_abort_hands_over_to_the_reset_agent_and_the_rejected_action_is_never_executed() {
+    let mut scene = Scene::new(12);
+    scene.rules = no_pit();
+    let log = scene.line.log.clone();
+    let (counters, notebook) = scene.run();
+    let cells: Vec<i32> = log.lock().unwrap().iter().map(|(cell, _)| *cell).collect();
+    assert_eq!(cells, [0, 1, 2, 3, 2, 1, 0, 1, 2, 3, 2, 1]);
+    assert_eq!((counters.early_aborts, counters.hard_resets, counters.irreversible_entries), (2, 0, 0));
+    assert_eq!((counters.forward_steps, counters.forward_episodes, counters.reset_episodes), (6, 2, 2));
+    let ends: Vec<_> = notebook.episodes.iter().map(|episode| (episode.role, episode.end)).collect();
+    let turn = [(AgentRole::Forward, EpisodeEnd::Abort), (AgentRole::Reset, EpisodeEnd::ResetSet)];
+    assert_eq!(ends, [turn, turn].concat());
+    let (step, proposed, executed, cause, reason) = &notebook.interventions[0];
+    assert_eq!((*step, *proposed, *executed, cause.as_str()), (3, 1.0, None, "rejected"));
+    assert_eq!(reason, "the rule compared 3");
+}
+
+#[test]
+fn the_pit_costs_one_hard_reset_after_n_failed_attempts() {
+    // A cycle: 6 forward steps into the pit, then attempts of 6 steps each with forward episodes between them.
+    for (attempts, expected) in [(Some(1), 10), (Some(2), 5), (Some(5), 2), (None, 0)] {
+        let mut scene = Scene::new(120);
+        scene.settings.reset_attempts = attempts;
+        let (counters, _) = scene.run();
+        assert_eq!(counters.hard_resets, expected, "{attempts:?} attempts");
+        assert_eq!(counters.irreversible_entries, expected.max(1));
+    }
+}
+
+#[test]
+fn between_attempts_lies_a_forward_episode_or_nothing() {
+    for (between, forward_episodes) in [(BetweenAttempts::Forward, 3), (BetweenAttempts::Reset, 1)] {
+        let mut scene = Scene::new(if between == BetweenAttempts::Forward { 36 } else { 24 });
+        scene.settings.reset_attempts = Some(3);
+        scene.settings.between_attempts = between;
+        let (counters, notebook) = scene.run();
+        assert_eq!((counters.hard_resets, counters.reset_episodes), (1, 3), "{between:?}");
+        assert_eq!(counters.forward_episodes, forward_episodes);
+        assert!(notebook.episodes.last().unwrap().hard_reset);
+    }
+}
+
+#[test]
+fn a_reset_episode_counts_by_any_visited_state_or_by_its_last() {
+    // The reset agent passes cell 0 and walks away again.
+    for (test, hard_resets) in [(ResetTest::AnyVisited, 0), (ResetTest::FinalState, 1)] {
+        let mut scene = Scene::new(2 * EPISODE as u64);
+        scene.forward = forward_learner(Scripted::acting(|cell, _| if cell < 2.0 { 1.0 } else { -1.0 }));
+        let mut steps = 0;
+        scene.reset = Some(Scripted::acting(move |_, _| {
+            steps += 1;
+            if steps <= 3 { -1.0 } else { 1.0 }
+        }));
+        scene.settings.stop_on_reset = false;
+        scene.settings.reset_test = test;
+        let (counters, notebook) = scene.run();
+        assert_eq!(counters.hard_resets, hard_resets, "{test:?}");
+        assert_eq!(notebook.episodes[1].length, EPISODE as u64);
+    }
+}
+
+#[test]
+fn stop_on_reset_ends_the_reset_episode_at_the_reset_set() {
+    for (stop, length) in [(true, 2), (false, EPISODE as u64)] {
+        let mut scene = Scene::new(2 * EPISODE as u64);
+        scene.forward = forward_learner(Scripted::acting(|cell, _| if cell < 2.0 { 1.0 } else { -1.0 }));
+        scene.settings.stop_on_reset = stop;
+        let (_, notebook) = scene.run();
+        assert_eq!((notebook.episodes[0].length, notebook.episodes[1].length), (6, length));
+    }
+}
+
+#[test]
+fn the_modes_reset_as_they_say() {
+    let run = |mode: Mode| {
+        let mut scene = Scene::new(60);
+        scene.settings.mode = mode;
+        let resets = scene.line.resets.clone();
+        let (counters, notebook) = scene.run();
+        (counters, notebook, resets.lock().unwrap().clone())
+    };
+    let (counters, _, resets) = run(Mode::StatusQuo);
+    assert_eq!((counters.hard_resets, counters.forward_episodes, counters.reset_episodes), (10, 10, 0));
+    assert_eq!((resets.len(), counters.forward_steps), (11, 60));
+
+    let (counters, _, resets) = run(Mode::ForwardOnly);
+    assert_eq!((counters.hard_resets, counters.forward_episodes, resets.len()), (0, 10, 1));
+    assert_eq!(counters.irreversible_entries, 1);
+
+    let (counters, notebook, resets) = run(Mode::ResetOnly { start: Some("far".into()) });
+    assert_eq!((counters.forward_steps, counters.hard_resets, counters.reset_episodes), (0, 20, 20));
+    assert!(resets.iter().all(|start| start.as_deref() == Some("far")));
+    assert!(notebook.episodes.iter().all(|episode| episode.has_reset && episode.length == 3));
+}
+
+#[test]
+fn a_terminated_environment_is_reset_at_once_and_the_end_is_terminal_for_both() {
+    let mut scene = Scene::new(20);
+    scene.line.terminates_at = Some(2);
+    scene.settings.updates = Updates::Both;
+    let forward = Scripted::acting(|_, _| 1.0);
+    let (seen, seen_by_reset) = (forward.seen.clone(), scene.reset.as_ref().unwrap().seen.clone());
+    scene.forward = forward_learner(forward);
+    let (counters, notebook) = scene.run();
+    assert_eq!((counters.hard_resets, counters.reset_episodes), (10, 0));
+    assert!(
+        notebook.episodes.iter().all(|episode| episode.end == EpisodeEnd::Terminated && episode.hard_reset)
+    );
+    for seen in [seen, seen_by_reset] {
+        let continuations: Vec<f32> = seen.lock().unwrap().iter().map(|row| row.1).collect();
+        assert_eq!(continuations, [1.0, 0.0].repeat(10));
+    }
+}
+
+/// Continuation flags that the reset agent saw in one forward and one reset episode, with `Updates::Both`.
+fn reset_continuations(endings: Endings, falls: bool) -> Vec<f32> {
+    let mut scene = Scene::new(if falls { 12 } else { 8 });
+    scene.settings.updates = Updates::Both;
+    scene.settings.endings = endings;
+    let target = if falls { 9.0 } else { 2.0 };
+    scene.forward = forward_learner(Scripted::acting(move |cell, _| if cell < target { 1.0 } else { -1.0 }));
+    let seen = scene.reset.as_ref().unwrap().seen.clone();
+    let (counters, _) = scene.run();
+    assert_eq!(counters.reset_episodes, 1);
+    let seen = seen.lock().unwrap();
+    seen.iter().map(|row| row.1).collect()
+}
+
+#[test]
+fn reaching_the_reset_set_is_terminal_or_bootstraps() {
+    let endings = |on_success| Endings { on_success, ..Endings::default() };
+    // Forward: 1 2 1 2 1 2; reset: 1 0.
+    assert_eq!(reset_continuations(endings(OnResetSuccess::Bootstrap), false), [1.0; 8]);
+    let mut expected = [1.0; 8];
+    expected[7] = 0.0;
+    assert_eq!(reset_continuations(endings(OnResetSuccess::Terminal), false), expected);
+}
+
+#[test]
+fn the_last_step_of_a_failed_reset_episode_is_worth_nothing_or_bootstraps() {
+    let endings = |on_failure| Endings { on_failure, ..Endings::default() };
+    assert_eq!(reset_continuations(endings(OnResetFailure::Bootstrap), true), [1.0; 12]);
+    let mut expected = [1.0; 12];
+    expected[11] = 0.0;
+    assert_eq!(reset_continuations(endings(OnResetFailure::Zero), true), expected);
+    // A reset episode that succeeds is not a failed one.
+    assert_eq!(reset_continuations(endings(OnResetFailure::Zero), false), [1.0; 8]);
+}
+
+#[test]
+fn forward_time_outs_and_aborts_bootstrap() {
+    let mut scene = Scene::new(60);
+    scene.rules = no_pit();
+    let forward = Scripted::acting(|_, _| 1.0);
+    let seen = forward.seen.clone();
+    scene.forward = forward_learner(forward);
+    scene.run();
+    assert!(seen.lock().unwrap().iter().all(|row| row.1 == 1.0));
+}
+
+#[test]
+fn the_agent_in_charge_learns_or_both_do_each_with_its_own_reward() {
+    for (updates, forward_updates, reset_updates) in [(Updates::Active, 6, 6), (Updates::Both, 12, 12)] {
+        let mut scene = Scene::new(12);
+        scene.settings.updates = updates;
+        let forward = Scripted::acting(|_, _| 1.0);
+        let (by_forward, by_reset) = (forward.seen.clone(), scene.reset.as_ref().unwrap().seen.clone());
+        scene.forward = forward_learner(forward);
+        scene.run();
+        assert_eq!(by_forward.lock().unwrap().len(), forward_updates, "{updates:?}");
+        assert_eq!(by_reset.lock().unwrap().len(), reset_updates, "{updates:?}");
+        let rewards: Vec<f32> = by_forward.lock().unwrap()[..6].iter().map(|row| row.0).collect();
+        assert_eq!(rewards, [1.0, 2.0, 3.0, 4.0, 4.0, 4.0]);
+        assert!(by_reset.lock().unwrap().iter().all(|row| row.0 == 0.0), "no step reached cell 0");
+    }
+}
+
+#[test]
+fn updates_per_step_are_made() {
+    let mut scene = Scene::new(12);
+    scene.settings.updates_per_step = 3;
+    let seen = scene.reset.as_ref().unwrap().seen.clone();
+    scene.run();
+    assert_eq!(seen.lock().unwrap().len(), 18);
+}
+
+#[test]
+fn bootstrap_masks_reach_the_learner() {
+    let masks = |probability| {
+        let mut scene = Scene::new(400);
+        scene.bootstrap_probability = probability;
+        let reset = Scripted::acting(|_, _| -1.0).valuing(4, |_, _| vec![1.0; 4]);
+        let seen = reset.seen.clone();
+        scene.reset = Some(reset);
+        scene.run();
+        let seen = seen.lock().unwrap();
+        seen.iter().map(|row| row.2).sum::<f32>() / seen.len() as f32
+    };
+    assert_eq!(masks(1.0), 4.0);
+    let half = masks(0.5);
+    assert!((1.5..2.5).contains(&half), "{half} of 4 members learn at probability 0.5");
+}
+
+#[test]
+fn nothing_is_aborted_in_the_warm_up() {
+    let mut scene = Scene::new(24);
+    scene.rules = vec![Rule::below(5.0)];
+    scene.warm_up_steps = 12;
+    scene.settings.reset_attempts = Some(1);
+    let (counters, notebook) = scene.run();
+    assert_eq!(counters.warm_up_decisions, 6);
+    assert!(notebook.interventions.iter().all(|intervention| intervention.0 >= 12));
+    assert_eq!(counters.early_aborts, 12, "afterwards every step is aborted and undone by one reset step");
+}
+
+#[test]
+fn shielded_exploration_falls_back_to_the_greedy_action() {
+    let run = |is_shielded| {
+        let mut scene = Scene::new(12);
+        scene.rules = no_pit();
+        scene.settings.shield_exploration = is_shielded;
+        scene.forward = forward_learner(Scripted::acting(|_, _| 1.0));
+        // Explores towards the pit; would greedily go back.
+        scene.reset = Some(Scripted::acting(|_, mode| if mode == ActMode::Explore { 1.0 } else { -1.0 }));
+        scene.run()
+    };
+    let (counters, _) = run(false);
+    assert_eq!((counters.irreversible_entries, counters.exploration_replaced), (1, 0));
+    let (counters, notebook) = run(true);
+    assert_eq!(counters.irreversible_entries, 0);
+    assert!(counters.exploration_replaced > 0);
+    let replaced = notebook.interventions.iter().find(|intervention| intervention.2.is_some()).unwrap();
+    assert_eq!((replaced.1, replaced.2), (1.0, Some(-1.0)));
+}
+
+#[test]
+fn a_forward_agent_without_an_action_is_aborted_and_counted() {
+    let mut scene = Scene::new(30);
+    let policy = Scripted::acting(|cell, _| if cell < 2.0 { 1.0 } else { f32::NEG_INFINITY });
+    scene.forward = Some(ForwardAgent::Policy(Box::new(policy)));
+    let log = scene.line.log.clone();
+    let (counters, notebook) = scene.run();
+    assert!(log.lock().unwrap().iter().all(|(_, action)| action.is_finite()));
+    assert_eq!(counters.failed_closed, counters.early_aborts);
+    let (_, _, _, cause, reason) = &notebook.interventions[0];
+    assert_eq!((cause.as_str(), reason.as_str()), ("forward_failed", "no action today"));
+}
+
+#[test]
+fn evaluation_uses_another_instance_and_counts_apart() {
+    let evaluated = Line::new();
+    let log = evaluated.log.clone();
+    let evaluator = |line, shield, agent, start: Option<&str>| {
+        let world = World::new(Box::new(line), None).unwrap();
+        Evaluator::new(world, shield, agent, start.map(str::to_string), 2, 7)
+    };
+    let mut scene = Scene::new(25);
+    scene.settings.evaluate_every = Some(10);
+    scene.evaluator = Some(evaluator(evaluated, None, EvaluatedAgent::Forward, None));
+    let (counters, notebook) = scene.run();
+    assert_eq!(counters.steps, 25);
+    let steps: Vec<u64> = notebook.evaluations.iter().map(|evaluation| evaluation.step).collect();
+    assert_eq!(steps, [10, 20, 25], "at each interval and at the end");
+    let first = notebook.evaluations[0];
+    assert_eq!((first.mean_return, first.success_rate, first.irreversible_entries), (18.0, 1.0, 2));
+    assert_eq!(log.lock().unwrap().len() as u64, 3 * first.steps);
+
+    let mut scene = Scene::new(10);
+    scene.settings.evaluate_every = Some(10);
+    scene.evaluator = Some(evaluator(Line::new(), None, EvaluatedAgent::Reset, Some("far")));
+    let (_, notebook) = scene.run();
+    assert_eq!(notebook.evaluations[0].success_rate, 1.0);
+
+    let mut scene = Scene::new(10);
+    scene.settings.evaluate_every = Some(10);
+    let shield = common::shield(no_pit(), scene.reset.as_ref().unwrap(), 0);
+    scene.evaluator = Some(evaluator(Line::new(), Some(shield), EvaluatedAgent::Forward, None));
+    let (_, notebook) = scene.run();
+    assert_eq!(notebook.evaluations[0].irreversible_entries, 0, "a shielded evaluation does not fall");
+}
+
+/// A million steps with a policy that proposes anything, NaN included, and rules that reject at random: in forward
+/// phases the world receives only what the rules allowed at that very state.
+#[test]
+fn not_one_unapproved_action_reaches_the_world() {
+    use std::{
+        collections::HashSet,
+        sync::{Arc, Mutex},
+    };
+
+    let approved: Arc<Mutex<HashSet<(u64, u32, u32)>>> = Arc::default();
+    let mut scene = Scene::new(1_000_000);
+    let mut rng = Pcg64::seed_from_u64(11);
+    scene.forward =
+        Some(ForwardAgent::Policy(Box::new(Scripted::acting(move |_, _| match rng.random_range(0..20) {
+            0 => f32::NAN,
+            1 => f32::INFINITY,
+            2 => 1.0 + f32::EPSILON,
+            3 => f32::NEG_INFINITY,
+            _ => rng.random_range(-1.0..=1.0),
+        }))));
+    let (book, coin) = (approved.clone(), Mutex::new(Pcg64::seed_from_u64(12)));
+    scene.rules = vec![
+        Rule::judging(move |context| {
+            let draw = coin.lock().unwrap().random_range(0..10);
+            match draw {
+                0 => return Err(Error::failed("broken")),
+                1 => return Ok(RuleVerdict::from_safe(true, f32::NAN)),
+                2 | 3 => return Ok(RuleVerdict::from_safe(false, 0.0)),
+                _ => {}
+            }
+            let key = (context.step, context.observation[0].to_bits(), context.proposed[0].to_bits());
+            book.lock().unwrap().insert(key);
+            Ok(RuleVerdict::from_safe(true, 1.0))
+        }),
+        Rule::judging(|context| Ok(RuleVerdict::from_safe(context.proposed[0] < 0.9, 0.0))),
+    ];
+    let log = scene.line.log.clone();
+    scene.settings.updates_per_step = 0;
+    let (counters, notebook) = scene.run();
+    assert_eq!(counters.steps, 1_000_000);
+
+    let approved = approved.lock().unwrap();
+    let log = log.lock().unwrap();
+    let mut step = 0_usize;
+    let mut checked = 0_u64;
+    for episode in &notebook.episodes {
+        for index in step..step + episode.length as usize {
+            let (cell, action) = log[index];
+            if episode.role == AgentRole::Forward {
+                let key = (index as u64, (cell as f32).to_bits(), action.to_bits());
+                assert!(
+                    approved.contains(&key) && action < 0.9,
+                    "step {index}: {action} at {cell} was not allowed"
+                );
+                checked += 1;
+            }
+        }
+        step += episode.length as usize;
+    }
+    assert_eq!((step, checked), (1_000_000, counters.forward_steps));
+    assert!(checked > 100_000, "only {checked} forward steps were checked");
+    assert!(counters.failed_closed > 10_000 && spaces().action.check_action(&[0.5]).is_ok());
+}

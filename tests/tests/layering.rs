@@ -1,0 +1,119 @@
+//! The direction of dependencies between the crates, as `cargo metadata` sees them.
+#![allow(clippy::unwrap_used, reason = "a test")]
+
+use std::collections::{BTreeSet, HashMap};
+use std::path::Path;
+use std::process::Command;
+
+use cargo_metadata::{DependencyKind, Metadata, MetadataCommand, Package, PackageId};
+
+/// Heavy libraries, which live behind the plugin line.
+const HEAVY: [&str; 5] = ["mujoco-rs", "tch", "torch-sys", "pyo3", "pyo3-ffi"];
+
+fn metadata() -> Metadata {
+    let version = Command::new("rustc").arg("-vV").output().unwrap();
+    let version = String::from_utf8(version.stdout).unwrap();
+    let host = version.lines().find_map(|line| line.strip_prefix("host: ")).unwrap();
+    // Of this platform only: the crates of the others need not be on disk.
+    MetadataCommand::new()
+        .manifest_path(Path::new(env!("CARGO_MANIFEST_DIR")).join("../Cargo.toml"))
+        .other_options(vec!["--filter-platform".into(), host.into()])
+        .exec()
+        .unwrap()
+}
+
+/// The names of our own crates on which a package depends: for building, for testing or at run time.
+fn own_dependencies(metadata: &Metadata, package: &Package) -> BTreeSet<String> {
+    let own: BTreeSet<String> =
+        metadata.workspace_packages().iter().map(|package| package.name.to_string()).collect();
+    let named = package.dependencies.iter().map(|dependency| dependency.name.clone());
+    named.filter(|name| own.contains(name)).collect()
+}
+
+/// The packages that lie in a folder such as `plugins`.
+fn packages_in<'a>(metadata: &'a Metadata, folder: &str) -> Vec<&'a Package> {
+    let parent = metadata.workspace_root.join(folder);
+    let lies_there = |package: &&Package| package.manifest_path.ancestors().nth(2) == Some(&parent);
+    let found: Vec<&Package> = metadata.workspace_packages().into_iter().filter(lies_there).collect();
+    assert!(!found.is_empty(), "nothing in {folder}");
+    found
+}
+
+/// Plugins and environments; the library of networks, which is neither, left out.
+fn plugins(metadata: &Metadata) -> Vec<&Package> {
+    let mut found = [packages_in(metadata, "plugins"), packages_in(metadata, "envs")].concat();
+    found.retain(|package| package.name != "actor-critic");
+    found
+}
+
+fn package<'a>(metadata: &'a Metadata, name: &str) -> &'a Package {
+    let all = metadata.workspace_packages();
+    all.into_iter().find(|package| package.name == name).unwrap_or_else(|| panic!("no package {name}"))
+}
+
+fn assert_own_dependencies(metadata: &Metadata, package: &Package, allowed: &[&str]) {
+    let mut excess = own_dependencies(metadata, package);
+    excess.retain(|name| !allowed.contains(&name.as_str()));
+    assert!(excess.is_empty(), "{} depends on {excess:?}; of ours it may on {allowed:?}", package.name);
+}
+
+/// Every package that is linked into the given one or helps to build it.
+fn everything_below(metadata: &Metadata, package: &Package) -> BTreeSet<String> {
+    let resolve = metadata.resolve.as_ref().unwrap();
+    let nodes: HashMap<&PackageId, _> = resolve.nodes.iter().map(|node| (&node.id, node)).collect();
+    let mut seen: BTreeSet<&PackageId> = BTreeSet::new();
+    let mut open = vec![&package.id];
+    while let Some(id) = open.pop() {
+        if !seen.insert(id) {
+            continue;
+        }
+        let shipped = nodes[id].deps.iter().filter(|dependency| {
+            dependency.dep_kinds.iter().any(|info| info.kind != DependencyKind::Development)
+        });
+        open.extend(shipped.map(|dependency| &dependency.pkg));
+    }
+    seen.into_iter().map(|id| metadata[id].name.to_string()).collect()
+}
+
+#[test]
+fn a_plugin_or_environment_knows_the_host() {
+    let metadata = metadata();
+    for package in plugins(&metadata) {
+        assert_own_dependencies(&metadata, package, &["shield-api", "actor-critic"]);
+    }
+}
+
+#[test]
+fn the_networks_or_the_interface_know_something_of_ours() {
+    let metadata = metadata();
+    assert_own_dependencies(&metadata, package(&metadata, "actor-critic"), &[]);
+    assert_own_dependencies(&metadata, package(&metadata, "shield-api"), &[]);
+}
+
+#[test]
+fn the_host_knows_more_than_the_interface() {
+    let metadata = metadata();
+    assert_own_dependencies(&metadata, package(&metadata, "shield-runtime"), &["shield-api"]);
+}
+
+#[test]
+fn the_host_links_a_heavy_library() {
+    let metadata = metadata();
+    let below = everything_below(&metadata, package(&metadata, "shield-runtime"));
+    assert!(below.contains("abi_stable_derive"), "the graph is not followed: {below:?}");
+    let heavy: Vec<&str> = HEAVY.into_iter().filter(|name| below.contains(*name)).collect();
+    assert!(heavy.is_empty(), "shield-runtime reaches {heavy:?}");
+    let robots = everything_below(&metadata, package(&metadata, "mujoco-robots"));
+    assert!(robots.contains("mujoco-rs"), "MuJoCo is not seen where it is used");
+}
+
+#[test]
+fn a_plugin_is_more_than_a_shared_library() {
+    let metadata = metadata();
+    for package in plugins(&metadata) {
+        let libraries = package.targets.iter().filter(|target| target.is_lib() || target.is_cdylib());
+        let kinds: Vec<String> =
+            libraries.flat_map(|target| &target.crate_types).map(ToString::to_string).collect();
+        assert_eq!(kinds, ["cdylib"], "{}", package.name);
+    }
+}

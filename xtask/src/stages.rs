@@ -1,0 +1,126 @@
+//! The stages of the tests.
+
+use std::io::{BufRead, BufReader};
+use std::path::Path;
+use std::process::{Command, ExitCode, Stdio};
+use std::time::{Duration, Instant};
+
+use anyhow::Context;
+use clap::ValueEnum;
+
+use crate::cargo;
+
+/// A stage by its name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+pub enum Name {
+    /// Unit and integration tests of every crate, with every plugin built
+    Core,
+    /// The examples in the documentation
+    Doc,
+}
+
+impl Name {
+    /// The calls of Cargo that make up the stage.
+    fn calls(self) -> &'static [&'static [&'static str]] {
+        match self {
+            // `cargo test` alone leaves no plugin for the tests to load: it builds a cdylib's unit tests, not the cdylib.
+            Self::Core => &[
+                &["build", "--workspace"],
+                &["test", "--workspace", "--lib", "--bins", "--tests", "--examples", "--no-fail-fast"],
+            ],
+            Self::Doc => &[&["test", "--workspace", "--doc", "--no-fail-fast"]],
+        }
+    }
+}
+
+/// How a stage ended.
+#[derive(Default)]
+struct Outcome {
+    tests: Tally,
+    succeeded: bool,
+    duration: Duration,
+}
+
+/// How many tests passed and failed.
+#[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
+struct Tally {
+    passed: u64,
+    failed: u64,
+}
+
+/// Runs the stages, all if none is named, and prints a table of them.
+///
+/// # Errors
+/// Cargo cannot be started. A failed test is not an error but an exit code.
+pub fn run(root: &Path, names: &[Name]) -> anyhow::Result<ExitCode> {
+    let names = if names.is_empty() { Name::value_variants() } else { names };
+    let mut outcomes = Vec::new();
+    for name in names {
+        outcomes.push((*name, run_stage(root, *name)?));
+    }
+    println!("\n{:<8} {:>10} {:>8} {:>8}  result", "stage", "seconds", "passed", "failed");
+    let mut total = Tally::default();
+    for (name, Outcome { tests, succeeded, duration }) in &outcomes {
+        let result = if *succeeded { "ok" } else { "FAILED" };
+        let (name, seconds) = (format!("{name:?}").to_lowercase(), duration.as_secs_f64());
+        println!("{name:<8} {seconds:>10.1} {:>8} {:>8}  {result}", tests.passed, tests.failed);
+        total.passed += tests.passed;
+        // A stage that does not compile has no failed test and fails all the same.
+        total.failed += if *succeeded { 0 } else { tests.failed.max(1) };
+    }
+    println!("\n{} passed, {} failed", total.passed, total.failed);
+    Ok(if total.failed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+fn run_stage(root: &Path, name: Name) -> anyhow::Result<Outcome> {
+    let start = Instant::now();
+    let mut outcome = Outcome { succeeded: true, ..Outcome::default() };
+    for arguments in name.calls() {
+        outcome.succeeded = outcome.succeeded && run_call(root, arguments, &mut outcome.tests)?;
+    }
+    outcome.duration = start.elapsed();
+    Ok(outcome)
+}
+
+/// Runs Cargo, shows what it prints, and counts the tests in it.
+fn run_call(root: &Path, arguments: &[&str], tests: &mut Tally) -> anyhow::Result<bool> {
+    let mut command: Command = cargo::command(root);
+    command.args(arguments).stdin(Stdio::null()).stdout(Stdio::piped());
+    println!("$ {}", cargo::describe(&command));
+    let mut child = command.spawn().context("cargo could not be started")?;
+    let output = child.stdout.take().context("the output of cargo was asked for")?;
+    for line in BufReader::new(output).split(b'\n') {
+        let line = line.context("the output of cargo could not be read")?;
+        let line = String::from_utf8_lossy(&line);
+        println!("{line}");
+        if let Some(Tally { passed, failed }) = count(&line) {
+            tests.passed += passed;
+            tests.failed += failed;
+        }
+    }
+    Ok(child.wait().context("cargo was lost")?.success())
+}
+
+/// The figures of a line such as `test result: ok. 18 passed; 0 failed; 0 ignored; …`.
+fn count(line: &str) -> Option<Tally> {
+    let (_, figures) = line.strip_prefix("test result: ")?.split_once(". ")?;
+    let figure = |word: &str| {
+        let part = figures.split("; ").find_map(|part| part.strip_suffix(word))?;
+        part.trim().parse().ok()
+    };
+    Some(Tally { passed: figure(" passed")?, failed: figure(" failed")? })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_lines_of_results_are_counted() {
+        let line = "test result: FAILED. 17 passed; 1 failed; 2 ignored; 0 measured; 0 filtered out; finished in 0.01s";
+        assert_eq!(count(line), Some(Tally { passed: 17, failed: 1 }));
+        for other in ["test a ... ok", "test result: ok.", "17 passed; 1 failed", ""] {
+            assert_eq!(count(other), None, "{other}");
+        }
+    }
+}
