@@ -132,7 +132,7 @@ fn wrong_input_is_refused_with_its_place() {
         &[],
         &["x.ron:7:", "environment"],
     );
-    refused(&good.replace("steps: 100", "steps: 0"), &[], &["x.ron:3:", "steps"]);
+    refused(&good.replace("steps: 100", "steps: 0"), &[], &["x.ron:3:", "at least one step"]);
     refused(
         &good.replace("evaluation: Some(", "evaluation: Some(start: Some(\"roof\"), "),
         &[],

@@ -1,6 +1,10 @@
 //! Filter, step and store allocate nothing once the run goes on: with the real plugins, through the binary interface.
 
-use allocation_counter::measure;
+#![cfg(all(target_os = "linux", target_env = "gnu"))]
+
+mod malloc_ffi;
+
+use malloc_ffi::allocations;
 use rand_pcg::Pcg64;
 use shield_api::{AbortRule, ActMode, Environment, Learner, Setup};
 use shield_runtime::{
@@ -13,20 +17,18 @@ use shield_tests::plugins_folder;
 
 const STEPS: usize = 2_000;
 
-#[test]
-fn filter_step_and_store_allocate_nothing() {
+/// `q_min` far below every value allows everything, far above aborts everything; both ways are hot.
+fn allocations_per_run(environment: &str, q_min: &str) -> (u64, usize) {
     let registry = Registry::scan(&SearchPath::new([plugins_folder()]));
     let environment =
-        registry.environment(&Selection::new("mujoco/cliff-cart"), "", &Setup::new(0, 1, host())).unwrap();
+        registry.environment(&Selection::new(environment), "", &Setup::new(0, 1, host())).unwrap();
     let spaces = environment.spec().spaces;
     let setup = Setup::with_spaces(0, 1, host(), spaces.clone());
     let networks = "(critics: 20, actor_hidden: [16, 16], critic_hidden: [16, 16], random_steps: 0)";
     let mut forward = registry.learner(&Selection::new("ddpg"), networks, &setup).unwrap();
     let mut reset = registry.learner(&Selection::new("ddpg"), networks, &setup).unwrap();
-    // Rejects about half: an abort is part of the hot path, with its reason in words.
-    let rule = registry
-        .abort_rule(&Selection::new("ensemble-threshold"), "(q_min: 0.0, combine: Realist)", &setup)
-        .unwrap();
+    let config = format!("(q_min: {q_min}, combine: Realist)");
+    let rule = registry.abort_rule(&Selection::new("ensemble-threshold"), &config, &setup).unwrap();
     let rules: Vec<Box<dyn AbortRule>> = vec![Box::new(rule)];
     let fallback_action = vec![0.0; spaces.action_len()];
     let settings = ShieldSettings { spaces: spaces.clone(), warm_up_steps: 10, fallback_action };
@@ -61,7 +63,29 @@ fn filter_step_and_store_allocate_nothing() {
         }
     };
     steps(0, 20);
-    let measured = measure(|| steps(20, STEPS));
-    assert_eq!(measured.count_total, 0, "{} allocations in {STEPS} steps", measured.count_total);
-    assert!(aborts > 0 && aborts < STEPS, "{aborts} aborts: both ways were to be measured");
+    let count = allocations(|| steps(20, STEPS));
+    (count, aborts)
+}
+
+#[test]
+fn filter_step_and_store_allocate_nothing() {
+    for environment in ["mujoco/cliff-cart", "mujoco/cliff-cheetah"] {
+        for (q_min, expected_aborts) in [("-1e6", 0), ("1e6", STEPS + 10)] {
+            let (count, aborts) = allocations_per_run(environment, q_min);
+            assert_eq!(count, 0, "{environment}, q_min {q_min}: {count} allocations in {STEPS} steps");
+            assert_eq!(aborts, expected_aborts);
+        }
+    }
+}
+
+#[test]
+fn the_count_sees_what_a_plugin_allocates() {
+    let registry = Registry::scan(&SearchPath::new([plugins_folder()]));
+    let count = allocations(|| {
+        registry
+            .environment(&Selection::new("gridworld"), "(map: [\"S.G\"])", &Setup::new(0, 1, host()))
+            .unwrap();
+    });
+    let again = allocations(|| drop(Vec::<u8>::with_capacity(100)));
+    assert!(count > 20 && again == 1, "{count} and {again} allocations were seen");
 }
