@@ -1,4 +1,5 @@
 //! The command `shield` as a user meets it: what it writes, what it refuses, and with which exit code.
+#![allow(clippy::unwrap_used, reason = "tests")]
 
 use std::{
     fs,

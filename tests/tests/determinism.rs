@@ -1,4 +1,5 @@
 //! The same seed gives the same run, byte for byte, whatever the number of threads and of runs at the same time.
+#![allow(clippy::unwrap_used, reason = "tests")]
 
 use std::{collections::BTreeMap, fs, path::Path};
 

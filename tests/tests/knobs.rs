@@ -1,4 +1,5 @@
 //! No dead knobs: every field of an experiment changes what a run writes.
+#![allow(clippy::unwrap_used, reason = "tests")]
 
 use std::{collections::BTreeMap, fs};
 

@@ -1,6 +1,7 @@
 //! Filter, step and store allocate nothing once the run goes on: with the real plugins, through the binary interface.
 
 #![cfg(all(target_os = "linux", target_env = "gnu"))]
+#![allow(clippy::unwrap_used, reason = "tests")]
 
 mod malloc_ffi;
 
