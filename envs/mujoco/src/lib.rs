@@ -1,15 +1,26 @@
 #![doc = include_str!("../README.md")]
 #![forbid(unsafe_code)]
 
+mod cheetah;
 mod cliff_cart;
 mod cliff_cheetah;
+mod cliff_walker;
+mod half_cheetah;
+mod inverted_pendulum;
 mod reward;
+mod scenery;
 mod simulation;
 mod task;
+mod walker;
+mod walker2d;
 
 use cliff_cart::CliffCart;
 use cliff_cheetah::CliffCheetah;
+use cliff_walker::CliffWalker;
+use half_cheetah::HalfCheetah;
+use inverted_pendulum::InvertedPendulum;
 use task::Robot;
+use walker::Walker;
 
 shield_api::export_plugin! {
     environment "mujoco/cliff-cart" => Robot<CliffCart> {
@@ -18,6 +29,22 @@ shield_api::export_plugin! {
     }
     environment "mujoco/cliff-cheetah" => Robot<CliffCheetah> {
         description: "The half-cheetah on a cliff of 14 m (paper, section 6)",
+        deterministic: true,
+    }
+    environment "mujoco/cliff-walker" => Robot<CliffWalker> {
+        description: "The planar walker on a cliff of 6 m (paper, appendix A)",
+        deterministic: true,
+    }
+    environment "mujoco/half-cheetah" => Robot<HalfCheetah> {
+        description: "The half-cheetah on a plane, with Gymnasium's reward",
+        deterministic: true,
+    }
+    environment "mujoco/inverted-pendulum" => Robot<InvertedPendulum> {
+        description: "A pole on a cart, with Gymnasium's reward",
+        deterministic: true,
+    }
+    environment "mujoco/walker" => Robot<Walker> {
+        description: "The planar walker on a plane, with Gymnasium's reward",
         deterministic: true,
     }
 }

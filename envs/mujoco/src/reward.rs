@@ -10,6 +10,11 @@ pub fn tolerance(value: f64, [low, high]: [f64; 2], margin: f64) -> f64 {
     1.0 - (weight * distance).tanh().powi(2)
 }
 
+/// √(x² + p²) − p: like x²/2p near 0, like |x| far from it.
+pub fn pseudo_huber(x: f64, p: f64) -> f64 {
+    x.hypot(p) - p
+}
+
 /// An angle in radians as the equivalent one in [−π, π): a robot that turned over completely stands upright again.
 pub fn wrapped(angle: f64) -> f64 {
     use std::f64::consts::{PI, TAU};
