@@ -44,8 +44,8 @@ pub struct GymnasiumEpisode<const N: usize> {
     pub scale: f32,
     pub steps: usize,
     pub terminated: bool,
-    pub total_reward: f32,
-    pub last_observation: [f32; N],
+    pub total_reward: f64,
+    pub last_observation: [f64; N],
 }
 
 impl<const N: usize> GymnasiumEpisode<N> {
@@ -59,12 +59,15 @@ impl<const N: usize> GymnasiumEpisode<N> {
             let wave = |index: usize| ((7 * step + 3 * index) % 16) as f32 / 8.0 - 1.0;
             let action: Vec<f32> = (0..dimensions).map(|index| self.scale * wave(index)).collect();
             let outcome = robot.step(&action, &mut observation).unwrap();
-            total_reward += outcome.forward_reward;
+            total_reward += f64::from(outcome.forward_reward);
             assert_eq!(outcome.terminated, self.terminated && step + 1 == self.steps, "step {step}");
         }
         assert!((total_reward - self.total_reward).abs() < 1e-5, "{total_reward} {}", self.total_reward);
         for (index, (ours, theirs)) in observation.iter().zip(self.last_observation).enumerate() {
-            assert!((ours - theirs).abs() < 2e-6 * theirs.abs().max(1.0), "{index}: {ours} {theirs}");
+            assert!(
+                (f64::from(*ours) - theirs).abs() < 2e-6 * theirs.abs().max(1.0),
+                "{index}: {ours} {theirs}"
+            );
         }
     }
 }
@@ -348,10 +351,13 @@ macro_rules! suite {
 }
 
 suite! {
+    ball_in_cup: crate::ball_in_cup::BallInCup, observation 8, action 2 in 1.0, horizon 50, continuing;
     cliff_cart: crate::cliff_cart::CliffCart, observation 6, action 1 in 1.0, horizon 100, continuing;
     cliff_cheetah: crate::cliff_cheetah::CliffCheetah, observation 18, action 6 in 1.0, horizon 500, continuing;
     cliff_walker: crate::cliff_walker::CliffWalker, observation 18, action 6 in 1.0, horizon 500, continuing;
     half_cheetah: crate::half_cheetah::HalfCheetah, observation 17, action 6 in 1.0, horizon 1000;
     inverted_pendulum: crate::inverted_pendulum::InvertedPendulum, observation 4, action 1 in 3.0, horizon 1000;
+    peg_insertion: crate::peg_insertion::PegInsertion, observation 14, action 7 in 2.0, horizon 50, continuing;
+    pusher: crate::pusher::Pusher, observation 10, action 3 in 2.0, horizon 100, continuing;
     walker: crate::walker::Walker, observation 17, action 6 in 1.0, horizon 1000;
 }
