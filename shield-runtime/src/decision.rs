@@ -9,6 +9,8 @@ pub enum Decision {
     Allow,
     /// Nothing is aborted yet (`warm_up_steps`): execute it.
     WarmUp,
+    /// A rule rejects it; the caller's buffer holds another action, which every rule allows: execute that one.
+    Project(Projection),
     /// It must not be executed; the caller's buffer holds the reset agent's action instead.
     Abort(Abort),
 }
@@ -18,9 +20,39 @@ impl Decision {
     pub fn abort(&self) -> Option<Abort> {
         match self {
             Self::Abort(abort) => Some(*abort),
-            Self::Allow | Self::WarmUp => None,
+            Self::Allow | Self::WarmUp | Self::Project(_) => None,
         }
     }
+
+    /// The projection, if it is one.
+    pub fn projection(&self) -> Option<Projection> {
+        match self {
+            Self::Project(projection) => Some(*projection),
+            Self::Allow | Self::WarmUp | Self::Abort(_) => None,
+        }
+    }
+}
+
+/// How a rejected action became one that every rule allows.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Projection {
+    /// Where the other action comes from.
+    pub kind: ProjectionKind,
+    /// How often the rules were linearised; 0 for [`ProjectionKind::Replace`].
+    pub iterations: u32,
+    /// How far it lies from the proposed one: √ Σ weight · movement².
+    pub distance: f32,
+    /// Why the proposed action was rejected.
+    pub rejection: Abort,
+}
+
+/// Where a projected action comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ProjectionKind {
+    /// The solution of a quadratic program.
+    Qp,
+    /// The reset agent's greedy action.
+    Replace,
 }
 
 /// Why an action was rejected.
@@ -40,11 +72,18 @@ impl Abort {
     }
 }
 
-/// The classes of reasons for an abort. Only the first is the method at work; the others are the shield failing closed.
+/// The classes of reasons for an abort. Where [`is_failure`](Self::is_failure) says so, it is not the method at work but the shield failing
+/// closed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Cause {
     /// A rule rejected the action.
     Rejected,
+    /// A rule rejected the action, and no action keeps all rows.
+    Infeasible,
+    /// A rule rejected the action, and every action that was found instead.
+    StillRejected,
+    /// A rule rejected the action, and some rule cannot be linearised.
+    NotLinearisable,
     /// The observation has the wrong length or is not finite.
     InvalidObservation,
     /// The action has the wrong length, is not finite, or is outside the action space.
@@ -55,17 +94,52 @@ pub enum Cause {
     ValuesFailed,
     /// A rule failed, or its score is NaN.
     RuleFailed,
+    /// The reset ensemble gave no gradients, or gradients that are not finite.
+    GradientsFailed,
+    /// A rule gave no rows, or rows that are not finite or of the wrong length.
+    RowsFailed,
+    /// The solver found no solution, or one that does not keep the rows.
+    NotConverged,
+    /// The solver panicked.
+    SolverPanicked,
+    /// The decision took longer than its deadline.
+    Deadline,
+}
+
+impl Cause {
+    /// Whether something failed, rather than a rule having its way.
+    pub fn is_failure(self) -> bool {
+        !matches!(self, Self::Rejected | Self::Infeasible | Self::StillRejected | Self::NotLinearisable)
+    }
+
+    /// What the solver said of the last program of an abort; `None` if it was not asked or its word is not known.
+    pub fn solver_status(self) -> Option<&'static str> {
+        match self {
+            Self::Infeasible => Some("infeasible"),
+            Self::NotConverged => Some("not_converged"),
+            Self::SolverPanicked => Some("panicked"),
+            _ => None,
+        }
+    }
 }
 
 impl fmt::Display for Cause {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         formatter.write_str(match self {
             Self::Rejected => "rejected",
+            Self::Infeasible => "infeasible",
+            Self::StillRejected => "still_rejected",
+            Self::NotLinearisable => "not_linearisable",
             Self::InvalidObservation => "invalid_observation",
             Self::InvalidAction => "invalid_action",
             Self::ForwardFailed => "forward_failed",
             Self::ValuesFailed => "values_failed",
             Self::RuleFailed => "rule_failed",
+            Self::GradientsFailed => "gradients_failed",
+            Self::RowsFailed => "rows_failed",
+            Self::NotConverged => "not_converged",
+            Self::SolverPanicked => "solver_panicked",
+            Self::Deadline => "deadline",
         })
     }
 }

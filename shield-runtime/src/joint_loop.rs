@@ -199,7 +199,7 @@ impl<'a> JointLoop<'a> {
         for remaining in (0..self.world.spec().episode_length).rev() {
             if let Some(abort) = self.propose()? {
                 self.counters.early_aborts += 1;
-                self.counters.failed_closed += u64::from(abort.cause != Cause::Rejected);
+                self.counters.failed_closed += u64::from(abort.cause.is_failure());
                 return Ok(record(AgentRole::Forward, &tally, EpisodeEnd::Abort, false));
             }
             let outcome = self.world.step(&self.action)?;
@@ -273,6 +273,18 @@ impl<'a> JointLoop<'a> {
         let decision = shield.filter(reset.learner(), &moment, &mut self.action);
         self.observer.on_decision_time(start.elapsed());
         self.counters.warm_up_decisions += u64::from(decision == Decision::WarmUp);
+        if let Some(projection) = decision.projection() {
+            self.counters.projections += 1;
+            self.observer.on_intervention(&Intervention {
+                step: self.counters.steps,
+                role: AgentRole::Forward,
+                proposed: &self.proposed,
+                executed: Some(&self.action),
+                abort: projection.rejection,
+                projection: Some(projection),
+                reason: shield.reason(),
+            })?;
+        }
         let Some(mut abort) = decision.abort() else { return Ok(None) };
         let failure = failure.as_ref().map(Error::message);
         if failure.is_some() {
@@ -284,6 +296,7 @@ impl<'a> JointLoop<'a> {
             proposed: &self.proposed,
             executed: None,
             abort,
+            projection: None,
             reason: failure.unwrap_or(shield.reason()),
         })?;
         Ok(Some(abort))
@@ -312,6 +325,7 @@ impl<'a> JointLoop<'a> {
                 proposed: &self.proposed,
                 executed: Some(&self.action),
                 abort,
+                projection: None,
                 reason: shield.reason(),
             })?;
         }

@@ -4,7 +4,10 @@ use std::{ops::AddAssign, time::Duration};
 
 use serde::Serialize;
 
-use crate::{decision::Abort, experience::AgentRole};
+use crate::{
+    decision::{Abort, Projection},
+    experience::AgentRole,
+};
 
 /// Why an episode ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
@@ -58,6 +61,8 @@ pub struct Intervention<'a> {
     pub executed: Option<&'a [f32]>,
     /// Cause, rule and score.
     pub abort: Abort,
+    /// How the executed action was found, where that was by projection.
+    pub projection: Option<Projection>,
     /// Why, for a person.
     pub reason: &'a str,
 }
@@ -92,6 +97,8 @@ pub struct Counters {
     pub early_aborts: u64,
     /// Of these, aborts because something failed rather than because a rule rejected.
     pub failed_closed: u64,
+    /// Forward actions that were altered instead of aborted.
+    pub projections: u64,
     /// Forward actions that passed unjudged because of `warm_up_steps`.
     pub warm_up_decisions: u64,
     /// Exploratory actions of the reset agent that were replaced by its greedy one.

@@ -13,7 +13,7 @@ use anyhow::{Context, Result};
 use clap::Args;
 use indicatif::MultiProgress;
 use shield_runtime::{
-    experiment::{ExperimentFile, Override, Variant},
+    experiment::{ExperimentFile, Mode, Override, Variant},
     joint_loop::JointLoop,
     observer::Fanout,
     plugin::Registry,
@@ -201,8 +201,11 @@ fn run_one(session: &Session<'_>, job: &Job<'_>) -> Result<Summary> {
     folder.create(&variant.resolved_ron(identity.seed, &fields_of), session.overwrite)?;
     let rules = experiment.shield.rules.iter().map(|rule| rule.plugin.clone()).collect();
     let solved_at = experiment.evaluation.as_ref().map_or(1.0, |evaluation| evaluation.solved_at);
-    let recorder = Recorder::new(folder.clone(), identity.clone(), rules, solved_at)
+    let mut recorder = Recorder::new(folder.clone(), identity.clone(), rules, solved_at)
         .inspect_err(|_| folder.discard())?;
+    if experiment.shield.deadline_us.is_some() && experiment.mode == Mode::Shielded {
+        recorder = recorder.with_deadline();
+    }
     let name = format!("{} seed {}", identity.variant, identity.seed);
     let progress = Progress::new(&session.display, name.clone(), experiment.steps);
 

@@ -142,6 +142,10 @@ impl Forward {
 pub struct ShieldConfig {
     /// An action is executed only if every rule allows it.
     pub rules: Vec<PluginChoice>,
+    /// What is tried with a rejected action before it is aborted. `None`: nothing, as in the paper.
+    pub projection: Option<ProjectionConfig>,
+    /// A decision that takes longer, in microseconds of a monotonic clock, is an abort. It makes a run non-deterministic.
+    pub deadline_us: Option<u64>,
     /// N of the paper: failed reset episodes in a row before a hard reset. Paper, appendix C: 1.
     pub reset_attempts: ResetAttempts,
     /// Which states of a reset episode count for its success.
@@ -163,6 +167,8 @@ impl Default for ShieldConfig {
     fn default() -> Self {
         Self {
             rules: Vec::new(),
+            projection: None,
+            deadline_us: None,
             reset_attempts: ResetAttempts::After(1),
             reset_test: ResetTest::default(),
             between_attempts: BetweenAttempts::default(),
@@ -171,6 +177,35 @@ impl Default for ShieldConfig {
             shield_exploration: false,
             fallback_action: None,
         }
+    }
+}
+
+/// What is tried with an action that a rule rejects, before it is aborted.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+pub enum ProjectionConfig {
+    /// The nearest action that keeps the rules' linear rows, by a quadratic program.
+    Qp(QpConfig),
+    /// The reset agent's greedy action, for one step.
+    Replace,
+}
+
+/// How the nearest allowed action is looked for.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct QpConfig {
+    /// By how much each row `A a ≤ b` is tightened, in the unit of its rule: for values, reset value above the threshold.
+    pub margin: f32,
+    /// How often the rules may be linearised in one decision.
+    pub max_iterations: u32,
+    /// How far each dimension may move from the proposed action, as a share of half its range. `None`: as far as the space goes.
+    pub trust_region: Option<f32>,
+    /// What moving each dimension costs: distance² = Σ weight · movement². `None`: 1 each.
+    pub weights: Option<Vec<f32>>,
+}
+
+impl Default for QpConfig {
+    fn default() -> Self {
+        Self { margin: 0.0, max_iterations: 3, trust_region: None, weights: None }
     }
 }
 

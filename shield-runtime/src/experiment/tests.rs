@@ -18,6 +18,7 @@ Experiment(
     reset: (plugin: "ddpg", config: /* before */ (critics: 20) /* after */),
     shield: (
         rules: [(plugin: "ensemble-threshold", config: (q_min: 10.0, combine: Pessimistic))],
+        projection: Some(Qp(margin: 0.5, max_iterations: 3)),
         reset_attempts: 1,
         warm_up_steps: 1_000,
     ),
@@ -138,7 +139,7 @@ fn faults_of_syntax_and_type_are_where_the_user_finds_them() {
     check_field("reset: @(config: ()),", "unexpected missing field named `plugin` in `PluginChoice`");
     check_field(
         "shield: (@rulse: []),",
-        "unexpected field named `rulse` in `ShieldConfig`, expected one of `rules`, `reset_attempts`, `reset_test`, `between_attempts`, `stop_on_reset`, `warm_up_steps`, `shield_exploration`, or `fallback_action` instead; did you mean `rules`?",
+        "unexpected field named `rulse` in `ShieldConfig`, expected one of `rules`, `projection`, `deadline_us`, `reset_attempts`, `reset_test`, `between_attempts`, `stop_on_reset`, `warm_up_steps`, `shield_exploration`, or `fallback_action` instead; did you mean `rules`?",
     );
     check_field("threads: 1, @threads: 2", "unexpected duplicate field named `threads` in `Experiment`");
     check_field("threads: @-1", "integer is out of bounds");
@@ -187,6 +188,25 @@ fn values_that_cannot_be_run_are_refused_where_they_stand() {
         "a hard reset can follow 1 failed attempt or more, not 0; `Unlimited` means never",
     );
     check_field("shield: (fallback_action: Some([0.0, @inf]))", "an action cannot be inf");
+    check_field("shield: (deadline_us: @0)", "every decision takes longer than 0 µs");
+    check_field(
+        "shield: (projection: Some(Qp(margin: @-0.5)))",
+        "the margin is -0.5; it must be finite and not negative",
+    );
+    check_field(
+        "shield: (projection: Some(Qp(max_iterations: @0)))",
+        "a projection linearises the rules at least once",
+    );
+    for share in ["0.0", "-1.0", "inf", "NaN"] {
+        check_field(
+            &format!("shield: (projection: Some(Qp(trust_region: @{share})))"),
+            "the share of half a dimension's range must be finite and above 0",
+        );
+    }
+    check_field(
+        "shield: (projection: Some(Qp(weights: Some([1.0, @0.0]))))",
+        "the weight 0 is not finite and above 0",
+    );
     check_field("experience: (batch: @0)", "a batch needs at least one transition");
     check_field("experience: (batch: @65, capacity: 64)", "a batch of 65 does not fit into a capacity of 64");
     for probability in ["0", "1.5", "-1", "NaN"] {
@@ -270,7 +290,7 @@ fn overrides_of_the_command_line_come_last_and_are_named() {
     check("name=y", "--set name=y: override `name`: expected string; a text needs quotes");
     check(
         "shield.rulse=[]",
-        "--set shield.rulse=[]: override `shield.rulse`: unexpected field named `rulse` in `ShieldConfig`, expected one of `rules`, `reset_attempts`, `reset_test`, `between_attempts`, `stop_on_reset`, `warm_up_steps`, `shield_exploration`, or `fallback_action` instead; did you mean `rules`?",
+        "--set shield.rulse=[]: override `shield.rulse`: unexpected field named `rulse` in `ShieldConfig`, expected one of `rules`, `projection`, `deadline_us`, `reset_attempts`, `reset_test`, `between_attempts`, `stop_on_reset`, `warm_up_steps`, `shield_exploration`, or `fallback_action` instead; did you mean `rules`?",
     );
     let steps = Override::new("steps", "0", "--steps 0").unwrap();
     let error = small("").variants(&[steps], None).unwrap_err();
@@ -413,6 +433,8 @@ Experiment(
                 config: (q_min: 5.0, combine: Pessimistic),
             ),
         ],
+        projection: Qp(margin: 0.5, max_iterations: 3, trust_region: None, weights: None),
+        deadline_us: None,
         reset_attempts: 1,
         reset_test: AnyVisited,
         between_attempts: Forward,

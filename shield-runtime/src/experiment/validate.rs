@@ -1,6 +1,9 @@
 //! What the types of an experiment cannot say.
 
-use super::config::{EvaluatedAgent, EvaluationConfig, ExperienceConfig, Experiment, Mode, ResetAttempts};
+use super::config::{
+    EvaluatedAgent, EvaluationConfig, ExperienceConfig, Experiment, Mode, ProjectionConfig, QpConfig,
+    ResetAttempts,
+};
 
 /// What is wrong, and the path of the value to which it belongs.
 #[derive(Debug, PartialEq, Eq)]
@@ -91,6 +94,35 @@ fn shield(experiment: &Experiment) -> Checked {
     for (index, value) in settings.fallback_action.iter().flatten().enumerate() {
         let path = format!("shield.fallback_action[{index}]");
         ensure(value.is_finite(), path, format!("an action cannot be {value}"))?;
+    }
+    ensure(settings.deadline_us != Some(0), "shield.deadline_us", "every decision takes longer than 0 µs")?;
+    match &settings.projection {
+        Some(ProjectionConfig::Qp(settings)) => projection(settings),
+        Some(ProjectionConfig::Replace) | None => Ok(()),
+    }
+}
+
+fn projection(settings: &QpConfig) -> Checked {
+    let QpConfig { margin, max_iterations, trust_region, weights } = settings;
+    ensure(
+        margin.is_finite() && *margin >= 0.0,
+        "shield.projection.margin",
+        format!("the margin is {margin}; it must be finite and not negative"),
+    )?;
+    ensure(
+        *max_iterations > 0,
+        "shield.projection.max_iterations",
+        "a projection linearises the rules at least once",
+    )?;
+    ensure(
+        trust_region.is_none_or(|share| share.is_finite() && share > 0.0),
+        "shield.projection.trust_region",
+        "the share of half a dimension's range must be finite and above 0",
+    )?;
+    for (index, weight) in weights.iter().flatten().enumerate() {
+        let path = format!("shield.projection.weights[{index}]");
+        let message = format!("the weight {weight} is not finite and above 0");
+        ensure(weight.is_finite() && *weight > 0.0, path, message)?;
     }
     Ok(())
 }

@@ -1,5 +1,7 @@
 //! From an experiment to a run that can start: every plugin loaded and configured, before anything is written.
 
+use std::time::Duration;
+
 use rand::Rng;
 use rand_pcg::Pcg64;
 use shield_api::{Learner, Setup, Space, Spaces};
@@ -180,7 +182,17 @@ impl Builder<'_> {
             config.fallback_action.clone().unwrap_or_else(|| nearest_to_zero(&spaces.action));
         let settings =
             ShieldSettings { spaces: spaces.clone(), warm_up_steps: config.warm_up_steps, fallback_action };
-        Shield::new(rules, reset, settings).map_err(|error| self.refused("shield.fallback_action", &error))
+        let mut shield = Shield::new(rules, reset, settings)
+            .map_err(|error| self.refused("shield.fallback_action", &error))?;
+        if let Some(projection) = &config.projection {
+            shield = shield
+                .with_projection(projection.clone())
+                .map_err(|error| self.refused("shield.projection", &error))?;
+        }
+        if let Some(deadline) = config.deadline_us {
+            shield = shield.with_deadline(Duration::from_micros(deadline));
+        }
+        Ok(shield)
     }
 
     fn evaluator(

@@ -13,6 +13,7 @@ use csv::Writer;
 use hdrhistogram::Histogram;
 
 use super::summary::{Evaluations, Identity, Summary};
+use crate::decision::ProjectionKind;
 use crate::observer::{Counters, EpisodeRecord, EvaluationRecord, Intervention, Observer};
 
 /// How long finished rows may wait in memory.
@@ -100,6 +101,7 @@ pub struct Recorder {
     episodes: u64,
     results: Evaluations,
     solved_at: f64,
+    deterministic: bool,
     causes: BTreeMap<String, u64>,
     decision_ns: Histogram<u32>,
     start: Instant,
@@ -128,8 +130,20 @@ impl Recorder {
             "irreversible_entries",
             "forward_steps",
         ];
-        let interventions =
-            ["step", "phase", "verdict", "cause", "rule", "score", "reason", "proposed", "executed"];
+        let interventions = [
+            "step",
+            "phase",
+            "verdict",
+            "cause",
+            "rule",
+            "score",
+            "reason",
+            "proposed",
+            "executed",
+            "solver_status",
+            "iterations",
+            "distance",
+        ];
         Ok(Self {
             metrics: table(&folder, "metrics.csv", &metrics)?,
             interventions: table(&folder, "interventions.csv", &interventions)?,
@@ -146,12 +160,20 @@ impl Recorder {
             episodes: 0,
             results: Evaluations::default(),
             solved_at,
+            deterministic: true,
             causes: BTreeMap::new(),
             // Up to a minute at three digits; longer decisions count as a minute.
             decision_ns: Histogram::new_with_bounds(1, 60_000_000_000, 3)?,
             start: Instant::now(),
             last_flush: Instant::now(),
         })
+    }
+
+    /// For a run whose decisions have a deadline: the summary says that it is not deterministic.
+    #[must_use]
+    pub fn with_deadline(mut self) -> Self {
+        self.deterministic = false;
+        self
     }
 
     fn flush(&mut self) -> Result<()> {
@@ -184,6 +206,7 @@ impl Recorder {
             best_return: self.results.best_return,
             success_rate: self.results.last.map(|last| last.success_rate),
             steps_to_solve: self.results.steps_to_solve(budget),
+            deterministic: self.deterministic,
             wall_seconds: seconds,
             steps_per_second: counters.steps as f64 / seconds,
             decision_us_p50: quantile(0.5),
@@ -201,9 +224,18 @@ impl Observer for Recorder {
     }
 
     fn on_intervention(&mut self, intervention: &Intervention<'_>) -> Result<()> {
-        let Intervention { step, role, proposed, executed, abort, reason } = intervention;
+        let Intervention { step, role, proposed, executed, abort, projection, reason } = intervention;
         let cause = abort.cause.to_string();
-        let verdict = if executed.is_some() { "replace" } else { "abort" };
+        let verdict = match (projection, executed) {
+            (Some(_), _) => "project",
+            (None, Some(_)) => "replace",
+            (None, None) => "abort",
+        };
+        let solver_status = match projection.map(|projection| projection.kind) {
+            Some(ProjectionKind::Qp) => "solved",
+            Some(ProjectionKind::Replace) => "",
+            None => abort.cause.solver_status().unwrap_or(""),
+        };
         let rule = abort.rule.and_then(|index| self.rules.get(index)).map_or("", String::as_str);
         let score = if abort.score.is_nan() { String::new() } else { abort.score.to_string() };
         self.interventions.write_record([
@@ -216,6 +248,9 @@ impl Observer for Recorder {
             reason,
             &numbers(proposed),
             &executed.map_or(String::new(), numbers),
+            solver_status,
+            &projection.map_or(String::new(), |projection| projection.iterations.to_string()),
+            &projection.map_or(String::new(), |projection| projection.distance.to_string()),
         ])?;
         *self.causes.entry(cause).or_default() += 1;
         Ok(())

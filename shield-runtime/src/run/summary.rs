@@ -42,7 +42,7 @@ pub struct Summary {
     pub failed_closed: u64,
     /// Rejected actions by cause, of either agent.
     pub rejected_by_cause: BTreeMap<String, u64>,
-    /// Actions that were altered instead of aborted.
+    /// Forward actions that were altered instead of aborted; they count as rejected, too.
     pub projections: u64,
     /// Forward actions that passed unjudged in the warm-up.
     pub warm_up_decisions: u64,
@@ -64,6 +64,8 @@ pub struct Summary {
     pub steps_to_solve: Option<u64>,
     /// Whether a continued run equals an uninterrupted one.
     pub exact_resume: bool,
+    /// Whether another run of the same seed gives the same results: not where decisions have a deadline.
+    pub deterministic: bool,
     /// Wall-clock time of the run.
     pub wall_seconds: f64,
     /// Environment steps per second of it.
@@ -123,7 +125,7 @@ impl Summary {
             early_aborts: counters.early_aborts,
             failed_closed: counters.failed_closed,
             rejected_by_cause: BTreeMap::new(),
-            projections: 0,
+            projections: counters.projections,
             warm_up_decisions: counters.warm_up_decisions,
             exploration_replaced: counters.exploration_replaced,
             hard_resets: counters.hard_resets,
@@ -134,6 +136,7 @@ impl Summary {
             success_rate: None,
             steps_to_solve: None,
             exact_resume: false,
+            deterministic: true,
             wall_seconds: 0.0,
             steps_per_second: 0.0,
             decision_us_p50: None,

@@ -1,0 +1,52 @@
+//! The sentence that explains a rejection.
+
+use std::fmt::{Display, Write};
+
+use shield_api::Reason;
+
+use crate::decision::{Abort, Cause};
+
+const CAPACITY: usize = 480;
+
+/// A sentence in a buffer of its own; what does not fit is cut.
+pub(super) struct Explanation {
+    buffer: [u8; CAPACITY],
+    length: usize,
+}
+
+impl Explanation {
+    pub fn new() -> Self {
+        Self { buffer: [0; CAPACITY], length: 0 }
+    }
+
+    pub fn clear(&mut self) {
+        self.length = 0;
+    }
+
+    pub fn text(&self) -> &str {
+        std::str::from_utf8(&self.buffer[..self.length]).unwrap_or("")
+    }
+
+    /// Lets `author` write a new sentence.
+    pub fn write<T>(&mut self, author: impl FnOnce(&mut Reason<'_>) -> T) -> T {
+        let mut reason = Reason::new(&mut self.buffer);
+        let answer = author(&mut reason);
+        self.length = reason.len();
+        answer
+    }
+
+    /// Adds to the sentence.
+    pub fn append(&mut self, addition: impl Display) {
+        let mut rest = Reason::new(&mut self.buffer[self.length..]);
+        // A reason takes what fits and never fails.
+        write!(rest, "{addition}").ok();
+        self.length += rest.len();
+    }
+
+    /// Explains an abort by its error.
+    pub fn failed(&mut self, cause: Cause, error: &shield_api::Error) -> Abort {
+        self.clear();
+        self.append(error);
+        Abort::without_rule(cause)
+    }
+}
