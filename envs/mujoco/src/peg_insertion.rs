@@ -229,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn rewards_are_the_published_formulas() {
+    fn rewards_are_the_formulas_of_the_readme() {
         let action = [1.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0];
         for (config, expected) in
             [("(start_noise: 0.0)", 0.5 + 0.2 + 0.25), ("(start_noise: 0.0, sparse: true)", 0.8 + 0.16)]
