@@ -112,13 +112,13 @@ mod tests {
     }
 
     #[test]
-    fn whoever_walks_off_the_cliff_stays_in_the_pit() {
+    fn nothing_leads_out_of_the_pit() {
         let mut walker: WalkerRobot = make("()");
         let mut observation = [0.0; 18];
         let mut highest = f32::NEG_INFINITY;
         for hold in [3, 10, 30] {
             place(&mut walker, 7.0, -2.7, 0.0);
-            for action in pseudo_random_actions(6, 600) {
+            for action in pseudo_random_actions(6, 200) {
                 let action: Vec<f32> = action.iter().map(|value| value.signum()).collect();
                 for _ in 0..hold {
                     let outcome = walker.step(&action, &mut observation).unwrap();
@@ -129,6 +129,29 @@ mod tests {
             }
         }
         assert!(highest < -2.0, "{highest}");
+    }
+
+    #[test]
+    fn whoever_walks_off_the_cliff_cannot_hold_on_to_its_edge() {
+        let mut walker: WalkerRobot = make("()");
+        let mut lost = 0;
+        for (index, actions) in pseudo_random_actions(6, 400).chunks(20).enumerate() {
+            walker.simulation_mut().reset(|positions, velocities| {
+                positions[0] = 5.9;
+                velocities[0] = 0.2 * index as f64;
+            });
+            let mut is_lost = false;
+            for action in actions {
+                let action: Vec<f32> = action.iter().map(|value| value.signum()).collect();
+                for _ in 0..10 {
+                    let outcome = walker.step(&action, &mut [0.0; 18]).unwrap();
+                    assert!(outcome.irreversible || !is_lost, "start {index}");
+                    is_lost = outcome.irreversible;
+                }
+            }
+            lost += usize::from(is_lost);
+        }
+        assert!(lost > 10, "{lost}");
     }
 
     #[test]
@@ -165,7 +188,7 @@ mod tests {
         let lost = value_of_staying(&mut walker);
         assert!(safe > 99.0 && lost == 0.0, "{safe} {lost}");
         // What is lying somewhere on the cliff is not lost.
-        place(&mut walker, 5.0, 0.3, 1.5);
+        place(&mut walker, 5.0, 0.3, -1.5);
         let lying = value_of_staying(&mut walker);
         assert!(lying > 20.0, "{lying}");
     }

@@ -106,7 +106,7 @@ mod tests {
     }
 
     #[test]
-    fn staying_at_the_start_is_worth_more_than_any_threshold() {
+    fn staying_at_the_start_is_worth_90() {
         let mut cheetah: Robot<HalfCheetah> = make("()");
         let safe = value_of_staying(&mut cheetah);
         assert!(safe > 89.0, "{safe}");

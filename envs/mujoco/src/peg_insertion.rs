@@ -188,7 +188,7 @@ mod tests {
     }
 
     #[test]
-    fn random_torques_pull_the_peg_out() {
+    fn random_torques_pull_the_peg_out_by_the_mouth() {
         let mut arm: Arm = make("()");
         let mut out = 0;
         for seed in 0..20 {
@@ -199,6 +199,9 @@ mod tests {
                 let action: Vec<f32> = action.iter().map(|value| 2.0 * value).collect();
                 for _ in 0..10 {
                     last = arm.step(&action, &mut [0.0; 14]).unwrap();
+                    let [x, y, z] = arm.simulation_mut().site(PEG_BOTTOM);
+                    let sideways = x.abs().max((y - 0.3).abs());
+                    assert!(!(0.045..0.39).contains(&sideways) || z > -0.43, "through the wall: {x} {y} {z}");
                 }
             }
             out += usize::from(!last.in_reset_set);
@@ -226,7 +229,7 @@ mod tests {
     }
 
     #[test]
-    fn rewards_are_the_published_formulas() {
+    fn rewards_are_the_formulas_of_the_readme() {
         let action = [1.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0];
         for (config, expected) in
             [("(start_noise: 0.0)", 0.5 + 0.2 + 0.25), ("(start_noise: 0.0, sparse: true)", 0.8 + 0.16)]

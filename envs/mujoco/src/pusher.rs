@@ -9,7 +9,7 @@ use crate::simulation::Simulation;
 use crate::task::{Task, check_start_noise};
 
 shield_api::config! {
-    /// Settings of the scene.
+    /// Settings of the pusher.
     pub struct PusherConfig {
         /// Steps of an episode.
         horizon: usize = 100,

@@ -49,7 +49,7 @@ impl Simulation {
         self.data.ctrl()
     }
 
-    /// Where the model's site of this number is, in the world.
+    /// Where the model's site of this number is, in the world. Not known after [`load`](Self::load) until the next step.
     pub fn site(&self, index: usize) -> [f64; 3] {
         self.data.site_xpos()[index]
     }
@@ -78,8 +78,7 @@ impl Simulation {
         place(&mut positions, &mut velocities);
         self.data.qpos_mut().copy_from_slice(&positions);
         self.data.qvel_mut().copy_from_slice(&velocities);
-        // A step leaves the sites where they were before its last sub-step; so they are brought up to date wherever the state changes.
-        self.data.kinematics();
+        self.update_sites();
     }
 
     /// Holds `action`, clipped to the actuators' ranges, for `substeps` of the model's time step.
@@ -98,13 +97,20 @@ impl Simulation {
         for _ in 0..substeps {
             self.data.step();
         }
-        self.data.kinematics();
+        self.update_sites();
         let mut state = self.positions().iter().chain(self.velocities());
         // NaN is not below the bound either.
         if state.all(|value| value.abs() < DIVERGED) {
             Ok(())
         } else {
             Err(Error::failed("the simulation diverged; only a hard reset leads on"))
+        }
+    }
+
+    /// A step of the model leaves the sites where they were before it.
+    fn update_sites(&mut self) {
+        if !self.data.site_xpos().is_empty() {
+            self.data.kinematics();
         }
     }
 

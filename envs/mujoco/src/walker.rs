@@ -73,8 +73,11 @@ impl Task for Walker {
 
 #[cfg(test)]
 mod tests {
+    use shield_api::Environment;
+
     use super::*;
-    use crate::suite::GymnasiumEpisode;
+    use crate::suite::{GymnasiumEpisode, make};
+    use crate::task::Robot;
 
     #[test]
     fn an_episode_is_that_of_gymnasium() {
@@ -104,5 +107,17 @@ mod tests {
             ],
         };
         episode.agrees_with::<Walker>();
+    }
+
+    #[test]
+    fn standing_at_the_start_is_worth_100_and_a_fallen_walker_is_not_reset() {
+        let mut walker: Robot<Walker> = make("()");
+        let mut observation = [0.0; 17];
+        walker.reset(0, &mut observation).unwrap();
+        let standing = walker.step(&[0.0; 6], &mut observation).unwrap();
+        assert!(standing.in_reset_set && 100.0 * standing.reset_reward > 99.0, "{standing:?}");
+        walker.simulation_mut().reset(|positions, _| positions[1..3].copy_from_slice(&[0.3, 1.5]));
+        let fallen = walker.step(&[0.0; 6], &mut observation).unwrap();
+        assert!(fallen.terminated && !fallen.in_reset_set, "{fallen:?}");
     }
 }
