@@ -1,67 +1,43 @@
 //! The paper's abort rule (§4.2, §4.3): an action is executed only if the reset ensemble values it at `q_min` or more.
 #![forbid(unsafe_code)]
 
+mod combine;
+mod threshold;
+
 use std::fmt::Write;
 
-use serde::Deserialize;
 use shield_api::{
     AbortRule, Checkpoint, Error, Needs, Plugin, Reason, Result, Rows, RuleContext, RuleVerdict, Setup,
-    check_finite,
 };
 
-/// How the members' values become one (paper, §4.3).
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
-pub enum Combine {
-    /// The largest value: abort only if every member wants to.
-    Optimistic,
-    /// The mean.
-    Realist,
-    /// The smallest value: abort if any member wants to.
-    Pessimistic,
-}
-
-impl Combine {
-    /// One value out of all of them. A member that is NaN or infinite says nothing about the action, so that nothing can be
-    /// said of the ensemble either: NaN.
-    fn value(self, values: &[f32]) -> f32 {
-        if values.iter().any(|value| !value.is_finite()) {
-            return f32::NAN;
-        }
-        match self {
-            Self::Optimistic => values.iter().copied().fold(f32::NAN, f32::max),
-            Self::Realist => mean(values.iter().copied(), values.len()),
-            Self::Pessimistic => values.iter().copied().fold(f32::NAN, f32::min),
-        }
-    }
-
-    fn words(self) -> &'static str {
-        match self {
-            Self::Optimistic => "largest",
-            Self::Realist => "mean",
-            Self::Pessimistic => "smallest",
-        }
-    }
-}
-
-fn mean(values: impl Iterator<Item = f32>, count: usize) -> f32 {
-    (values.map(f64::from).sum::<f64>() / count as f64) as f32
-}
+use crate::{
+    combine::Combine,
+    threshold::{Schedule, Threshold},
+};
 
 shield_api::config! {
     /// Settings of the rule.
     pub struct Config {
         /// Q_min: the least reset value at which an action is executed (paper, appendix C: 10, where values lie in [0, 100)).
         q_min: f32 = 10.0,
-        /// How the ensemble's values become one: Optimistic (the largest), Realist (the mean) or Pessimistic (the smallest;
-        /// paper, appendix C).
+        /// How the ensemble's values become one: Optimistic (the largest), Realist (the mean), Pessimistic (the smallest; paper,
+        /// appendix C), Quantile(q) (0 is the smallest, 1 the largest) or KOfN(k) (so many members must agree).
         combine: Combine = Combine::Pessimistic => "Pessimistic",
+        /// Q_min is a share of 1/(1 − γ), the largest value that rewards in [0, 1] can have.
+        relative: bool = false,
+        /// How Q_min changes over the steps of the run: Constant, Linear or Cosine.
+        schedule: Schedule = Schedule::Constant => "Constant",
+        /// Q_min at the end of the schedule.
+        final_q_min: Option<f32> = None,
+        /// Environment steps that the schedule takes.
+        schedule_steps: u64 = 0,
     }
 }
 
 /// The rule. It holds no state.
 #[derive(Debug)]
 pub struct EnsembleThreshold {
-    q_min: f32,
+    threshold: Threshold,
     combine: Combine,
 }
 
@@ -82,36 +58,9 @@ impl Plugin for EnsembleThreshold {
     type Config = Config;
 
     fn create(config: Config, _setup: &Setup) -> Result<Self> {
-        if !config.q_min.is_finite() {
-            return Err(Error::invalid_config(format!("q_min is {}, but must be finite", config.q_min)));
-        }
-        Ok(Self { q_min: config.q_min, combine: config.combine })
+        config.combine.check()?;
+        Ok(Self { threshold: Threshold::new(&config)?, combine: config.combine })
     }
-}
-
-impl EnsembleThreshold {
-    /// The row of a value `value` with gradient g at the proposed action a₀. Near a₀, Q(a) ≈ value + g·(a − a₀); so
-    /// Q(a) ≥ q_min becomes −g·a ≤ value − g·a₀ − q_min.
-    fn push_row(
-        &self,
-        proposed: &[f32],
-        value: f32,
-        gradient: impl Iterator<Item = f32>,
-        row: &mut Vec<f32>,
-        rows: &mut dyn Rows,
-    ) -> Result<()> {
-        row.clear();
-        row.extend(gradient.map(|slope| -slope));
-        let at_proposed: f64 = row.iter().zip(proposed).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum();
-        rows.push(row, (f64::from(value) + at_proposed - f64::from(self.q_min)) as f32)
-    }
-}
-
-fn require_values(values: &[f32]) -> Result<()> {
-    if values.is_empty() {
-        return Err(Error::invalid_argument("the reset ensemble's values are missing; this rule needs them"));
-    }
-    Ok(())
 }
 
 impl AbortRule for EnsembleThreshold {
@@ -120,43 +69,21 @@ impl AbortRule for EnsembleThreshold {
     }
 
     fn evaluate(&self, context: &RuleContext<'_>, reason: &mut Reason<'_>) -> Result<RuleVerdict> {
-        require_values(context.values)?;
-        let value = self.combine.value(context.values);
+        let value = self.combine.value(context.values)?;
+        let q_min = self.threshold.at(context.step, context.discount);
         // Written so that NaN rejects.
-        let is_safe = value >= self.q_min;
+        let is_safe = value >= q_min;
         if !is_safe {
             let (which, members) = (self.combine.words(), context.values.len());
-            write!(reason, "the {which} of {members} reset values is {value}, below q_min {}", self.q_min)
+            write!(reason, "the {which} of {members} reset values is {value}, below q_min {q_min}")
                 .map_err(|error| Error::failed(error.to_string()))?;
         }
         Ok(RuleVerdict::from_safe(is_safe, value))
     }
 
     fn linearise(&self, context: &RuleContext<'_>, gradients: &[f32], rows: &mut dyn Rows) -> Result<()> {
-        let (values, proposed) = (context.values, context.proposed);
-        require_values(values)?;
-        let width = proposed.len();
-        check_finite("values", values, values.len())?;
-        check_finite("gradients", gradients, values.len() * width)?;
-        let gradient = |member: usize| gradients[member * width..(member + 1) * width].iter().copied();
-        let mut row = Vec::with_capacity(width);
-        match self.combine {
-            Combine::Pessimistic => (0..values.len()).try_for_each(|member| {
-                self.push_row(proposed, values[member], gradient(member), &mut row, rows)
-            }),
-            Combine::Realist => {
-                let members = 0..values.len();
-                let slopes = (0..width).map(|dimension| {
-                    mean(members.clone().map(|member| gradients[member * width + dimension]), values.len())
-                });
-                self.push_row(proposed, self.combine.value(values), slopes, &mut row, rows)
-            }
-            Combine::Optimistic => {
-                let best = (0..values.len()).max_by(|left, right| values[*left].total_cmp(&values[*right]));
-                let best = best.unwrap_or(0);
-                self.push_row(proposed, values[best], gradient(best), &mut row, rows)
-            }
-        }
+        let q_min = self.threshold.at(context.step, context.discount);
+        self.combine.push_rows(context, context.values, gradients, q_min, rows)
     }
 }
 
@@ -214,6 +141,13 @@ mod tests {
     fn each_way_to_combine_compares_another_value() {
         let values = [3.21, 12.0, 14.79];
         for (combine, score, verdict) in [
+            ("Quantile(0.0)", 3.21, Verdict::Reject),
+            ("Quantile(0.49)", 3.21, Verdict::Reject),
+            ("Quantile(0.5)", 12.0, Verdict::Allow),
+            ("Quantile(1.0)", 14.79, Verdict::Allow),
+            ("KOfN(1)", 14.79, Verdict::Allow),
+            ("KOfN(2)", 12.0, Verdict::Allow),
+            ("KOfN(3)", 3.21, Verdict::Reject),
             ("Optimistic", 14.79, Verdict::Allow),
             ("Realist", 10.0, Verdict::Allow),
             ("Pessimistic", 3.21, Verdict::Reject),
@@ -234,7 +168,7 @@ mod tests {
 
     #[test]
     fn a_member_that_is_not_a_number_rejects_whatever_the_others_say() {
-        for combine in ["Optimistic", "Realist", "Pessimistic"] {
+        for combine in ["Optimistic", "Realist", "Pessimistic", "Quantile(0.5)", "KOfN(1)"] {
             for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
                 for values in [[bad, 50.0], [50.0, bad]] {
                     let (verdict, score, _) = judge(&format!("(combine: {combine})"), &values);
@@ -259,6 +193,21 @@ mod tests {
             assert_eq!(error.kind(), ErrorKind::InvalidConfig);
             assert!(error.message().contains("q_min is"), "{error}");
         }
+        for text in [
+            "(combine: Quantile(1.5))",
+            "(combine: Quantile(NaN))",
+            "(combine: KOfN(0))",
+            "(final_q_min: Some(20.0))",
+            "(schedule_steps: 10)",
+            "(schedule: Linear)",
+            "(schedule: Linear, final_q_min: Some(20.0))",
+            "(schedule: Cosine, schedule_steps: 10)",
+            "(schedule: Cosine, schedule_steps: 10, final_q_min: Some(inf))",
+        ] {
+            let config = Config::parse(text).unwrap();
+            let made = EnsembleThreshold::create(config, &Setup::new(0, 1, Host::silent()));
+            assert_eq!(made.unwrap_err().kind(), ErrorKind::InvalidConfig, "{text}");
+        }
         assert!(Config::parse("(q_max: 1.0)").is_err());
         assert!(Config::parse("(combine: Median)").is_err());
     }
@@ -275,6 +224,62 @@ mod tests {
         assert_eq!(rows("(combine: Optimistic)", &values, &proposed, &gradients), [(vec![-0.0, 1.0], -1.5)]);
         // The mean: Q = 8.5 + δ₀ − δ₁ / 2.
         assert_eq!(rows("(combine: Realist)", &values, &proposed, &gradients), [(vec![-1.0, 0.5], -2.25)]);
+    }
+
+    #[test]
+    fn a_quorum_has_a_row_for_each_of_its_best_members() {
+        let (values, gradients) = ([8.0, 9.0, 7.0, 9.0], [1.0, 2.0, 3.0, 4.0]);
+        let slopes = |combine: &str| {
+            let rows = rows(&format!("(combine: {combine})"), &values, &[0.0], &gradients);
+            rows.into_iter().map(|(row, _)| -row[0]).collect::<Vec<_>>()
+        };
+        assert_eq!(slopes("KOfN(1)"), [2.0]);
+        assert_eq!(slopes("KOfN(3)"), [1.0, 2.0, 4.0]);
+        assert_eq!(slopes("Quantile(0.34)"), [1.0, 2.0, 4.0]);
+        assert_eq!(slopes("Quantile(0.0)").len(), 4);
+    }
+
+    #[test]
+    fn more_members_than_there_are_cannot_agree() {
+        let mut reason = Reason::new(&mut []);
+        let error =
+            rule("(combine: KOfN(3))").evaluate(&context(&[1.0, 2.0], &[0.0]), &mut reason).unwrap_err();
+        assert!(error.message().contains("3 of 2"), "{error}");
+    }
+
+    #[test]
+    fn q_min_follows_its_schedule_and_then_stays() {
+        let q_min = |config: &str, step| {
+            let bare = context(&[-1e9], &[0.0]);
+            let mut room = [0; 120];
+            let mut reason = Reason::new(&mut room);
+            rule(config).evaluate(&RuleContext { step, ..bare }, &mut reason).unwrap();
+            let length = reason.len();
+            let text = std::str::from_utf8(&room[..length]).unwrap();
+            text.rsplit(' ').next().unwrap().parse::<f32>().unwrap()
+        };
+        let rising = "q_min: 10.0, final_q_min: Some(20.0), schedule_steps: 100";
+        for (schedule, expected) in
+            [("Linear", [10.0, 12.5, 15.0, 20.0, 20.0]), ("Cosine", [10.0, 11.464466, 15.0, 20.0, 20.0])]
+        {
+            for (step, expected) in [0, 25, 50, 100, 5_000].into_iter().zip(expected) {
+                assert_eq!(
+                    q_min(&format!("({rising}, schedule: {schedule})"), step),
+                    expected,
+                    "{schedule} {step}"
+                );
+            }
+        }
+        // γ is 0.99: values lie below 100.
+        assert!((q_min("(q_min: 0.1, relative: true)", 0) - 10.0).abs() < 1e-4);
+    }
+
+    #[test]
+    fn a_share_of_values_without_bound_rejects_everything() {
+        let endless = RuleContext { discount: 1.0, ..context(&[1e30], &[0.0]) };
+        let judged =
+            rule("(q_min: 0.1, relative: true)").evaluate(&endless, &mut Reason::new(&mut [])).unwrap();
+        assert_eq!(judged.verdict, Verdict::Reject);
     }
 
     #[test]

@@ -13,7 +13,7 @@ use shield_runtime::{
     agent::{Agent, ForwardAgent},
     evaluation::Evaluator,
     experience::{AgentRole, Experience},
-    experiment::{BetweenAttempts, Endings, Mode, ResetTest, Updates},
+    experiment::{BetweenAttempts, Endings, Mode, ProjectionConfig, ResetTest, Updates},
     joint_loop::{JointLoop, LoopRandomness, LoopSettings, Participants},
     observer::{Counters, EpisodeRecord, EvaluationRecord, Intervention, Observer},
     shield::{Shield, ShieldSettings},
@@ -236,6 +236,7 @@ pub struct Scene {
     pub reset: Option<Scripted>,
     pub rules: Vec<Box<dyn AbortRule>>,
     pub warm_up_steps: u64,
+    pub projection: Option<ProjectionConfig>,
     pub evaluator: Option<Evaluator>,
     pub bootstrap_probability: f64,
 }
@@ -274,6 +275,7 @@ impl Scene {
             reset: Some(Scripted::acting(|_, _| -1.0)),
             rules: vec![Rule::below(0.5)],
             warm_up_steps: 0,
+            projection: None,
             evaluator: None,
             bootstrap_probability: 1.0,
         }
@@ -297,6 +299,10 @@ impl Scene {
             .as_ref()
             .filter(|_| self.settings.mode == Mode::Shielded)
             .map(|reset| shield(self.rules, reset, self.warm_up_steps));
+        let shield = shield.map(|shield| match self.projection {
+            Some(projection) => shield.with_projection(projection).unwrap(),
+            None => shield,
+        });
         let participants = Participants {
             world: World::new(Box::new(self.line), None).unwrap(),
             forward: self.forward,

@@ -1,0 +1,200 @@
+//! An abort rule: an action must not be much worse for the reset than what the reset agent itself would do.
+#![forbid(unsafe_code)]
+
+#[path = "../../ensemble-threshold/src/combine.rs"]
+mod combine;
+
+use std::{cell::RefCell, fmt::Write};
+
+use shield_api::{
+    AbortRule, Checkpoint, Error, Needs, Plugin, Reason, Result, Rows, RuleContext, RuleVerdict, Setup,
+    check_length,
+};
+
+use crate::combine::Combine;
+
+shield_api::config! {
+    /// Settings of the rule.
+    pub struct Config {
+        /// The least advantage Q(s, a) − V(s) at which an action is executed, where V(s) = Q(s, π_reset(s)); usually below 0.
+        min_advantage: f32 = -5.0,
+        /// How the members' advantages become one: Optimistic (the largest), Realist (the mean), Pessimistic (the smallest),
+        /// Quantile(q) (0 is the smallest, 1 the largest) or KOfN(k) (so many members must agree).
+        combine: Combine = Combine::Pessimistic => "Pessimistic",
+    }
+}
+
+/// The rule. It holds no state but a buffer.
+#[derive(Debug)]
+pub struct Advantage {
+    min_advantage: f32,
+    combine: Combine,
+    /// The advantage of each member; kept, so that judging allocates nothing.
+    advantages: RefCell<Vec<f32>>,
+}
+
+impl Checkpoint for Advantage {
+    fn save(&self, _bytes: &mut Vec<u8>) -> Result<()> {
+        Ok(())
+    }
+
+    fn load(&mut self, bytes: &[u8]) -> Result<()> {
+        if bytes.is_empty() {
+            return Ok(());
+        }
+        Err(Error::invalid_argument(format!("this rule has no state, but {} bytes are given", bytes.len())))
+    }
+}
+
+impl Plugin for Advantage {
+    type Config = Config;
+
+    fn create(config: Config, _setup: &Setup) -> Result<Self> {
+        let Config { min_advantage, combine } = config;
+        if !min_advantage.is_finite() {
+            let message = format!("min_advantage is {min_advantage}, but must be finite");
+            return Err(Error::invalid_config(message));
+        }
+        combine.check()?;
+        Ok(Self { min_advantage, combine, advantages: RefCell::default() })
+    }
+}
+
+impl Advantage {
+    /// Hands the advantage of each member to `use_them`.
+    fn with_advantages<T>(
+        &self,
+        context: &RuleContext<'_>,
+        use_them: impl FnOnce(&[f32]) -> Result<T>,
+    ) -> Result<T> {
+        check_length("the greedy action's values", context.greedy_values, context.values.len())?;
+        let mut advantages = self.advantages.borrow_mut();
+        advantages.clear();
+        let pairs = context.values.iter().zip(context.greedy_values);
+        advantages.extend(pairs.map(|(value, greedy)| value - greedy));
+        use_them(&advantages)
+    }
+}
+
+impl AbortRule for Advantage {
+    fn needs(&self) -> Needs {
+        Needs { values: true, greedy_values: true, ..Needs::default() }
+    }
+
+    fn evaluate(&self, context: &RuleContext<'_>, reason: &mut Reason<'_>) -> Result<RuleVerdict> {
+        let advantage = self.with_advantages(context, |advantages| self.combine.value(advantages))?;
+        // Written so that NaN rejects.
+        let is_safe = advantage >= self.min_advantage;
+        if !is_safe {
+            let (which, members, least) = (self.combine.words(), context.values.len(), self.min_advantage);
+            write!(reason, "the {which} of {members} advantages is {advantage}, below {least}")
+                .map_err(|error| Error::failed(error.to_string()))?;
+        }
+        Ok(RuleVerdict::from_safe(is_safe, advantage))
+    }
+
+    /// V(s) does not depend on the action: the gradients of the advantages are those of the values.
+    fn linearise(&self, context: &RuleContext<'_>, gradients: &[f32], rows: &mut dyn Rows) -> Result<()> {
+        self.with_advantages(context, |advantages| {
+            self.combine.push_rows(context, advantages, gradients, self.min_advantage, rows)
+        })
+    }
+}
+
+shield_api::export_plugin! {
+    abort_rule "advantage" => Advantage {
+        description: "Rejects actions that are much worse for the reset than the reset agent's own", deterministic: true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use shield_api::{ErrorKind, Host, PluginConfig, Verdict};
+
+    fn create(config: &str) -> Result<Advantage> {
+        Advantage::create(Config::parse(config)?, &Setup::new(0, 1, Host::silent()))
+    }
+
+    fn context<'a>(values: &'a [f32], greedy_values: &'a [f32]) -> RuleContext<'a> {
+        RuleContext {
+            step: 0,
+            observation: &[0.0],
+            proposed: &[0.5],
+            previous: None,
+            values,
+            greedy_values,
+            forward_values: &[],
+            discount: 0.99,
+        }
+    }
+
+    fn judge(config: &str, values: &[f32], greedy_values: &[f32]) -> RuleVerdict {
+        let mut reason = Reason::new(&mut []);
+        create(config).unwrap().evaluate(&context(values, greedy_values), &mut reason).unwrap()
+    }
+
+    #[test]
+    fn the_value_itself_is_compared_or_members_are_combined_otherwise() {
+        // Advantages of −1, −6 and 2.
+        let (values, greedy) = ([9.0, 4.0, 12.0], [10.0, 10.0, 10.0]);
+        for (config, score, verdict) in [
+            ("()", -6.0, Verdict::Reject),
+            ("(min_advantage: -6.0)", -6.0, Verdict::Allow),
+            ("(combine: Optimistic, min_advantage: 2.5)", 2.0, Verdict::Reject),
+            ("(combine: Realist)", -5.0 / 3.0, Verdict::Allow),
+            ("(combine: Quantile(0.5))", -1.0, Verdict::Allow),
+            ("(combine: KOfN(2))", -1.0, Verdict::Allow),
+        ] {
+            let judged = judge(config, &values, &greedy);
+            assert_eq!((judged.score, judged.verdict), (score, verdict), "{config}");
+        }
+    }
+
+    #[test]
+    fn values_that_are_not_finite_or_missing_are_allowed() {
+        for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            assert!(judge("()", &[bad, 1.0], &[1.0, 1.0]).score.is_nan());
+            assert_eq!(judge("()", &[1.0, 1.0], &[bad, 1.0]).verdict, Verdict::Reject);
+        }
+        for (values, greedy) in [(&[][..], &[][..]), (&[1.0], &[]), (&[1.0, 2.0], &[1.0])] {
+            let rule = create("()").unwrap();
+            assert!(rule.evaluate(&context(values, greedy), &mut Reason::new(&mut [])).is_err());
+        }
+    }
+
+    #[test]
+    fn the_row_does_not_hold_where_the_advantage_suffices() {
+        struct Collected(Vec<(f32, f32)>);
+        impl Rows for Collected {
+            fn push(&mut self, coefficients: &[f32], bound: f32) -> Result<()> {
+                self.0.push((coefficients[0], bound));
+                Ok(())
+            }
+        }
+        // Around 0.5 the advantage is −8 + 4 (a − 0.5): at least −5 from a = 1.25.
+        let mut rows = Collected(Vec::new());
+        create("()").unwrap().linearise(&context(&[2.0], &[10.0]), &[4.0], &mut rows).unwrap();
+        assert_eq!(rows.0, [(-4.0, -5.0)]);
+    }
+
+    #[test]
+    fn a_bound_that_cannot_be_is_accepted() {
+        for text in [
+            "(min_advantage: NaN)",
+            "(min_advantage: -inf)",
+            "(combine: KOfN(0))",
+            "(combine: Quantile(2.0))",
+        ] {
+            assert_eq!(create(text).unwrap_err().kind(), ErrorKind::InvalidConfig, "{text}");
+        }
+    }
+
+    #[test]
+    fn a_foreign_state_is_loaded() {
+        let (mut bytes, mut rule) = (Vec::new(), create("()").unwrap());
+        rule.save(&mut bytes).unwrap();
+        rule.load(&bytes).unwrap();
+        assert!(rule.load(&[1]).is_err());
+    }
+}

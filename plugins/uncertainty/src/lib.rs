@@ -1,0 +1,280 @@
+//! An abort rule: where the reset ensemble's members disagree, nobody knows whether the action can be undone.
+#![forbid(unsafe_code)]
+
+use std::fmt::Write;
+
+use serde::Deserialize;
+use shield_api::{
+    AbortRule, Checkpoint, Error, Needs, Plugin, Reason, Result, Rows, RuleContext, RuleVerdict, Setup,
+    check_finite,
+};
+
+/// How far apart the members are.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize)]
+pub enum Spread {
+    /// The standard deviation over all members (of the population).
+    Std,
+    /// The largest value less the smallest.
+    Range,
+}
+
+shield_api::config! {
+    /// Settings of the rule.
+    pub struct Config {
+        /// The largest spread of the reset values at which an action is executed.
+        limit: f32 = 5.0,
+        /// How the spread is measured: Std (standard deviation) or Range (largest less smallest).
+        spread: Spread = Spread::Std => "Std",
+    }
+}
+
+/// The rule. It holds no state.
+#[derive(Debug)]
+pub struct Uncertainty {
+    limit: f32,
+    spread: Spread,
+}
+
+impl Checkpoint for Uncertainty {
+    fn save(&self, _bytes: &mut Vec<u8>) -> Result<()> {
+        Ok(())
+    }
+
+    fn load(&mut self, bytes: &[u8]) -> Result<()> {
+        if bytes.is_empty() {
+            return Ok(());
+        }
+        Err(Error::invalid_argument(format!("this rule has no state, but {} bytes are given", bytes.len())))
+    }
+}
+
+impl Plugin for Uncertainty {
+    type Config = Config;
+
+    fn create(config: Config, _setup: &Setup) -> Result<Self> {
+        let Config { limit, spread } = config;
+        if !limit.is_finite() || limit < 0.0 {
+            let message = format!("limit is {limit}, but must be finite and not negative");
+            return Err(Error::invalid_config(message));
+        }
+        Ok(Self { limit, spread })
+    }
+}
+
+fn mean(values: &[f32]) -> f64 {
+    values.iter().copied().map(f64::from).sum::<f64>() / values.len() as f64
+}
+
+fn standard_deviation(values: &[f32]) -> f64 {
+    let mean = mean(values);
+    let squares = values.iter().map(|value| (f64::from(*value) - mean).powi(2));
+    (squares.sum::<f64>() / values.len() as f64).sqrt()
+}
+
+/// The members of the largest and of the smallest value.
+fn extremes(values: &[f32]) -> (usize, usize) {
+    (0..values.len()).fold((0, 0), |(largest, smallest), member| {
+        let value = values[member];
+        (
+            if value > values[largest] { member } else { largest },
+            if value < values[smallest] { member } else { smallest },
+        )
+    })
+}
+
+impl Uncertainty {
+    fn measure(&self, values: &[f32]) -> f64 {
+        match self.spread {
+            Spread::Std => standard_deviation(values),
+            Spread::Range => {
+                let (largest, smallest) = extremes(values);
+                f64::from(values[largest]) - f64::from(values[smallest])
+            }
+        }
+    }
+
+    /// How much the spread grows with the values of each member: of the deviation σ, ∂σ/∂Qᵢ = (Qᵢ − mean) / (n σ); 0 where σ is 0, its least.
+    fn sensitivity(&self, values: &[f32], member: usize) -> f64 {
+        match self.spread {
+            Spread::Std => {
+                let deviation = standard_deviation(values);
+                let distance = f64::from(values[member]) - mean(values);
+                if deviation == 0.0 { 0.0 } else { distance / (values.len() as f64 * deviation) }
+            }
+            Spread::Range => {
+                let (largest, smallest) = extremes(values);
+                f64::from(u8::from(member == largest)) - f64::from(u8::from(member == smallest))
+            }
+        }
+    }
+}
+
+fn require_values(values: &[f32]) -> Result<()> {
+    if values.is_empty() {
+        return Err(Error::invalid_argument("the reset ensemble's values are missing; this rule needs them"));
+    }
+    Ok(())
+}
+
+impl AbortRule for Uncertainty {
+    fn needs(&self) -> Needs {
+        Needs { values: true, ..Needs::default() }
+    }
+
+    fn evaluate(&self, context: &RuleContext<'_>, reason: &mut Reason<'_>) -> Result<RuleVerdict> {
+        let values = context.values;
+        require_values(values)?;
+        let is_finite = values.iter().all(|value| value.is_finite());
+        let spread = if is_finite { self.measure(values) as f32 } else { f32::NAN };
+        // Written so that NaN rejects.
+        let is_safe = spread <= self.limit;
+        if !is_safe {
+            let (measure, members) = (self.spread, values.len());
+            write!(reason, "the {measure:?} of {members} reset values is {spread}, above {}", self.limit)
+                .map_err(|error| Error::failed(error.to_string()))?;
+        }
+        Ok(RuleVerdict::from_safe(is_safe, spread))
+    }
+
+    /// One row: the spread around the proposed action to first order.
+    fn linearise(&self, context: &RuleContext<'_>, gradients: &[f32], rows: &mut dyn Rows) -> Result<()> {
+        let (values, proposed) = (context.values, context.proposed);
+        require_values(values)?;
+        let width = proposed.len();
+        check_finite("values", values, values.len())?;
+        check_finite("gradients", gradients, values.len() * width)?;
+        let mut slopes = vec![0.0; width];
+        for member in 0..values.len() {
+            let sensitivity = self.sensitivity(values, member);
+            let own = &gradients[member * width..(member + 1) * width];
+            slopes.iter_mut().zip(own).for_each(|(sum, slope)| *sum += sensitivity * f64::from(*slope));
+        }
+        let here: f64 = slopes.iter().zip(proposed).map(|(slope, action)| slope * f64::from(*action)).sum();
+        let row: Vec<f32> = slopes.iter().map(|slope| *slope as f32).collect();
+        rows.push(&row, (f64::from(self.limit) - self.measure(values) + here) as f32)
+    }
+}
+
+shield_api::export_plugin! {
+    abort_rule "uncertainty" => Uncertainty {
+        description: "Rejects actions on whose value the reset ensemble's members disagree", deterministic: true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use shield_api::{ErrorKind, Host, PluginConfig, Verdict};
+
+    fn rule(config: &str) -> Uncertainty {
+        Uncertainty::create(Config::parse(config).unwrap(), &Setup::new(0, 1, Host::silent())).unwrap()
+    }
+
+    fn context<'a>(values: &'a [f32], proposed: &'a [f32]) -> RuleContext<'a> {
+        RuleContext {
+            step: 0,
+            observation: &[0.0],
+            proposed,
+            previous: None,
+            values,
+            greedy_values: &[],
+            forward_values: &[],
+            discount: 0.99,
+        }
+    }
+
+    fn judge(config: &str, values: &[f32]) -> RuleVerdict {
+        rule(config).evaluate(&context(values, &[0.0]), &mut Reason::new(&mut [])).unwrap()
+    }
+
+    fn row(config: &str, values: &[f32], proposed: &[f32], gradients: &[f32]) -> (Vec<f32>, f32) {
+        struct Collected(Vec<(Vec<f32>, f32)>);
+        impl Rows for Collected {
+            fn push(&mut self, coefficients: &[f32], bound: f32) -> Result<()> {
+                self.0.push((coefficients.to_vec(), bound));
+                Ok(())
+            }
+        }
+        let mut collected = Collected(Vec::new());
+        rule(config).linearise(&context(values, proposed), gradients, &mut collected).unwrap();
+        assert_eq!(collected.0.len(), 1);
+        collected.0.remove(0)
+    }
+
+    #[test]
+    fn the_spread_is_the_wrong_one_or_its_limit_does_not_count() {
+        let values = [2.0, 4.0, 4.0, 4.0, 5.0, 5.0, 7.0, 9.0];
+        for (config, score, verdict) in [
+            ("()", 2.0, Verdict::Allow),
+            ("(limit: 1.99)", 2.0, Verdict::Reject),
+            ("(limit: 2.0)", 2.0, Verdict::Allow),
+            ("(spread: Range)", 7.0, Verdict::Reject),
+            ("(spread: Range, limit: 7.0)", 7.0, Verdict::Allow),
+        ] {
+            let judged = judge(config, &values);
+            assert_eq!((judged.score, judged.verdict), (score, verdict), "{config}");
+        }
+        assert_eq!(judge("(limit: 0.0)", &[3.0]).verdict, Verdict::Allow, "one member agrees with itself");
+    }
+
+    #[test]
+    fn a_value_that_is_not_finite_is_allowed() {
+        for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+            for spread in ["Std", "Range"] {
+                let judged = judge(&format!("(spread: {spread})"), &[1.0, bad]);
+                assert!(judged.verdict == Verdict::Reject && judged.score.is_nan(), "{spread} {bad}");
+            }
+        }
+        assert!(rule("()").evaluate(&context(&[], &[0.0]), &mut Reason::new(&mut [])).is_err());
+    }
+
+    #[test]
+    fn the_row_is_not_the_first_order_of_the_spread() {
+        // Members linear in the action: Q₀ = 1 + a₀, Q₁ = 2 − a₁, Q₂ = 6.
+        let gradients = [1.0, 0.0, 0.0, -1.0, 0.0, 0.0];
+        let values = |action: [f32; 2]| [1.0 + action[0], 2.0 - action[1], 6.0];
+        let proposed = [0.2, 0.1];
+        for spread in ["Std", "Range"] {
+            let config = format!("(limit: 1.5, spread: {spread})");
+            let (row, bound) = row(&config, &values(proposed), &proposed, &gradients);
+            let measure = |action| f64::from(judge(&config, &values(action)).score);
+            let excess = |action: [f32; 2]| f64::from(row[0] * action[0] + row[1] * action[1] - bound);
+            for action in [proposed, [0.21, 0.1], [0.2, 0.11], [0.19, 0.09]] {
+                let expected = measure(action) - 1.5;
+                assert!((excess(action) - expected).abs() < 1e-4, "{spread} {action:?}");
+            }
+        }
+        assert_eq!(row("()", &[3.0, 3.0], &[0.5], &[1.0, -1.0]), (vec![0.0], 5.0), "all agree");
+    }
+
+    #[test]
+    fn gradients_that_are_cut_or_not_numbers_give_a_row() {
+        struct Refusing;
+        impl Rows for Refusing {
+            fn push(&mut self, _: &[f32], _: f32) -> Result<()> {
+                panic!("no row may be pushed");
+            }
+        }
+        for gradients in [&[1.0][..], &[1.0, f32::NAN], &[]] {
+            let context = context(&[8.0, 9.0], &[0.0]);
+            assert!(rule("()").linearise(&context, gradients, &mut Refusing).is_err(), "{gradients:?}");
+        }
+    }
+
+    #[test]
+    fn a_limit_that_cannot_be_is_accepted() {
+        for text in ["(limit: NaN)", "(limit: inf)", "(limit: -1.0)"] {
+            let made = Uncertainty::create(Config::parse(text).unwrap(), &Setup::new(0, 1, Host::silent()));
+            assert_eq!(made.unwrap_err().kind(), ErrorKind::InvalidConfig, "{text}");
+        }
+        assert!(Config::parse("(spread: Variance)").is_err());
+    }
+
+    #[test]
+    fn a_foreign_state_is_loaded() {
+        let (mut bytes, mut rule) = (Vec::new(), rule("()"));
+        rule.save(&mut bytes).unwrap();
+        rule.load(&bytes).unwrap();
+        assert!(rule.load(&[1]).is_err());
+    }
+}
