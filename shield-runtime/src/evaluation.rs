@@ -70,9 +70,11 @@ impl Evaluator {
                 EvaluatedAgent::Reset => (tally.reset_return, tally.visited_reset_set),
             };
             record.steps += tally.length;
-            record.mean_return += gain / f64::from(self.episodes);
-            record.success_rate += f64::from(u8::from(has_succeeded)) / f64::from(self.episodes);
+            record.mean_return += gain;
+            record.success_rate += f64::from(u8::from(has_succeeded));
         }
+        record.mean_return /= f64::from(self.episodes);
+        record.success_rate /= f64::from(self.episodes);
         Ok(record)
     }
 

@@ -1,5 +1,7 @@
 //! The joint loop, field by field: each setting changes what a scripted run does.
 
+#![allow(clippy::unwrap_used, reason = "tests")]
+
 mod common;
 
 use common::{EPISODE, Line, PIT, Rule, Scene, Scripted, forward_learner, spaces};

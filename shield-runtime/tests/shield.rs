@@ -1,5 +1,7 @@
 //! The shield alone: what it allows, and that everything that goes wrong aborts.
 
+#![allow(clippy::unwrap_used, reason = "tests")]
+
 mod common;
 
 use common::{Rule, Scripted, shield};

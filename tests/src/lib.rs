@@ -1,1 +1,88 @@
-//! Shared pieces of the tests.
+//! Shared pieces of the tests: where the plugins and the command `shield` are, and small experiments.
+
+use std::{
+    env,
+    path::{Path, PathBuf},
+    process::Command,
+    sync::OnceLock,
+};
+
+/// The folder of the test's own executable. Cargo puts the plugins there, because this package depends on them.
+pub fn plugins_folder() -> PathBuf {
+    let executable = env::current_exe().expect("a test has an executable");
+    executable.parent().expect("it lies in a folder").to_path_buf()
+}
+
+/// The root of the workspace.
+pub fn workspace() -> &'static Path {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("this package lies in the workspace")
+}
+
+/// The command `shield` with our plugins on its path, built first in the profile of the test.
+pub fn shield() -> Command {
+    static PROGRAM: OnceLock<PathBuf> = OnceLock::new();
+    let program = PROGRAM.get_or_init(|| {
+        let mut cargo = Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+        cargo.current_dir(workspace()).args([
+            "build",
+            "--quiet",
+            "--package",
+            "shield-runtime",
+            "--bin",
+            "shield",
+        ]);
+        if !cfg!(debug_assertions) {
+            cargo.arg("--release");
+        }
+        assert!(cargo.status().expect("cargo starts").success(), "shield does not build");
+        let profile = plugins_folder().parent().expect("deps lies in the profile's folder").to_path_buf();
+        profile.join(format!("shield{}", env::consts::EXE_SUFFIX))
+    });
+    let mut command = Command::new(program);
+    command.env("SHIELD_PLUGIN_PATH", plugins_folder()).env("XDG_DATA_HOME", "/nonexistent");
+    command
+}
+
+/// A small experiment in the gridworld; `{}` in `extra` is not special.
+pub fn gridworld(steps: u64, extra: &str) -> String {
+    format!(
+        r#"Experiment(
+    name: "small",
+    steps: {steps},
+    seeds: [0, 1],
+    environment: (plugin: "gridworld"),
+    forward: Learner(plugin: "tabular-q"),
+    reset: (plugin: "tabular-q"),
+    shield: (
+        rules: [(plugin: "ensemble-threshold", config: (q_min: 0.4, combine: Optimistic))],
+        warm_up_steps: 0,
+    ),
+    experience: (batch: 16, updates: Both, on_reset_success: Terminal, on_reset_failure: Zero),
+    evaluation: Some(every: 500, episodes: 1),
+    {extra}
+)
+"#
+    )
+}
+
+/// A small experiment with the cart and networks.
+pub fn cart(steps: u64, extra: &str) -> String {
+    format!(
+        r#"Experiment(
+    name: "cart",
+    steps: {steps},
+    seeds: [0],
+    environment: (plugin: "mujoco/cliff-cart"),
+    forward: Learner(plugin: "ddpg", config: (critics: 1, actor_hidden: [16, 16], critic_hidden: [16, 16])),
+    reset: (plugin: "ddpg", config: (critics: 3, actor_hidden: [16, 16], critic_hidden: [16, 16])),
+    shield: (
+        rules: [(plugin: "ensemble-threshold", config: (q_min: 1.0, combine: Realist))],
+        warm_up_steps: 300,
+    ),
+    experience: (batch: 32, updates: Both, capacity: 10_000, bootstrap_probability: 0.8),
+    evaluation: Some(every: 500, episodes: 2),
+    {extra}
+)
+"#
+    )
+}

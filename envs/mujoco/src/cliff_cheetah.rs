@@ -1,101 +1,71 @@
 //! `mujoco/cliff-cheetah`: the half-cheetah of the paper's section 6, on a cliff of 14 m.
 
-use rand::RngExt;
-use rand_distr::StandardNormal;
 use rand_pcg::Pcg64;
 use shield_api::{Result, StepOutcome};
 
-use crate::reward::{tolerance, wrapped};
+use crate::cheetah::{self, Cheetah, add_noise};
+use crate::reward::tolerance;
+use crate::scenery::{Cliff, check_cliff_length};
 use crate::simulation::Simulation;
 use crate::task::{Task, check_start_noise};
 
 shield_api::config! {
     /// Settings of the cheetah.
     pub struct CliffCheetahConfig {
-        /// Steps of an episode, of 0.05 s each.
+        /// Steps of an episode.
         horizon: usize = 500,
         /// A hard reset adds uniform noise of ± this to the positions, and normal noise of this deviation to the velocities.
         start_noise: f64 = 0.1,
+        /// Where the cliff ends (x in m).
+        cliff_length: f64 = 14.0,
+        /// Time steps of the model (0.01 s) that an action is held.
+        control_step: usize = 5,
     }
 }
 
 /// The wanted running speeds in m/s.
 const RUNNING: [f64; 2] = [9.0, 11.0];
-/// Height of the torso in the default pose, and of the cliff's top.
-const DEFAULT_HEIGHT: f64 = 0.7;
+/// Height of the cliff's top.
 const CLIFF_HEIGHT: f64 = 0.05;
-
-/// The quantities of the cheetah that the task speaks of.
-struct Cheetah<'a>(&'a Simulation);
-
-impl Cheetah<'_> {
-    fn position(&self) -> f64 {
-        self.0.positions()[0]
-    }
-
-    /// Of the torso's middle, in the world.
-    fn height(&self) -> f64 {
-        DEFAULT_HEIGHT + self.0.positions()[1]
-    }
-
-    fn pitch(&self) -> f64 {
-        wrapped(self.0.positions()[2])
-    }
-
-    fn speed(&self) -> f64 {
-        self.0.velocities()[0]
-    }
-}
+/// Height of the pit's bottom.
+const PIT_HEIGHT: f64 = -1.9;
 
 /// The task on the cheetah's model.
 pub struct CliffCheetah {
     config: CliffCheetahConfig,
 }
 
-impl CliffCheetah {
-    /// 0.8 near the origin, 0.1 falling with the distance from it, 0.1 for an upright torso; in [0, 1].
-    fn reset_reward(cheetah: &Cheetah<'_>) -> f64 {
-        let distance = cheetah.position().abs();
-        let near = if distance < 0.5 { 0.8 } else { 0.0 };
-        let upright = tolerance(cheetah.pitch(), [-0.05, 0.05], 0.1);
-        (near + 0.1 * (1.0 - 0.2 * distance) + 0.1 * upright).clamp(0.0, 1.0)
-    }
-}
-
 impl Task for CliffCheetah {
     type Config = CliffCheetahConfig;
 
-    const MODEL: &'static str = include_str!("cliff_cheetah.xml");
-    const SUBSTEPS: usize = 5;
-
     fn new(config: CliffCheetahConfig) -> Result<Self> {
         check_start_noise(config.start_noise)?;
+        check_cliff_length(config.cliff_length)?;
         Ok(Self { config })
+    }
+
+    fn model(&self) -> String {
+        Cliff { edge: self.config.cliff_length, top: CLIFF_HEIGHT, bottom: PIT_HEIGHT }.under(cheetah::MODEL)
     }
 
     fn horizon(&self) -> usize {
         self.config.horizon
     }
 
+    fn control_step(&self) -> usize {
+        self.config.control_step
+    }
+
     fn place(&self, _start: Option<&str>, rng: &mut Pcg64, positions: &mut [f64], velocities: &mut [f64]) {
-        let noise = self.config.start_noise;
-        for position in positions {
-            *position += rng.random_range(-noise..=noise);
-        }
-        for velocity in velocities {
-            let standard: f64 = rng.sample(StandardNormal);
-            *velocity += noise * standard;
-        }
+        add_noise(self.config.start_noise, rng, positions, velocities);
     }
 
     fn outcome(&self, simulation: &Simulation) -> StepOutcome {
         let cheetah = Cheetah(simulation);
-        let reset_reward = Self::reset_reward(&cheetah);
         StepOutcome {
             forward_reward: tolerance(cheetah.speed(), RUNNING, 7.0) as f32,
-            reset_reward: reset_reward as f32,
-            // The paper's "reset reward above 0.7" alone would admit a cheetah on its back.
-            in_reset_set: reset_reward > 0.7 && cheetah.pitch().abs() < 0.5,
+            reset_reward: cheetah.reset_reward() as f32,
+            in_reset_set: cheetah.is_reset(),
             terminated: false,
             success: (RUNNING[0]..=RUNNING[1]).contains(&cheetah.speed()),
             // On the cliff the torso's middle is above its top, in every pose.
@@ -109,60 +79,13 @@ mod tests {
     use shield_api::Environment;
 
     use super::*;
-    use crate::suite::{make, pseudo_random_actions, value_of_staying};
+    use crate::suite::{make, pseudo_random_actions, try_make, value_of_staying};
     use crate::task::Robot;
 
     type CheetahRobot = Robot<CliffCheetah>;
 
-    /// What Gymnasium's own model computes: MuJoCo 3.17.0, `half_cheetah.xml`, qpos[1] = 10, then 20 actions sin(0.7 k + i).
-    const GYMNASIUM_FREE_FLIGHT: [f64; 18] = [
-        -0.012027200610,
-        5.101019506234,
-        -0.239126083342,
-        0.528757701418,
-        0.579898930001,
-        0.298805323078,
-        -0.585666218991,
-        -0.549124249130,
-        -0.384463851860,
-        -0.039891565281,
-        -10.378888610289,
-        0.253332655354,
-        9.467869254516,
-        1.320879798035,
-        -4.419068315113,
-        -15.367018309936,
-        -2.350049383510,
-        4.122431602062,
-    ];
-
     fn place(cheetah: &mut CheetahRobot, x: f64, z: f64, pitch: f64) {
         cheetah.simulation_mut().reset(|positions, _| positions[..3].copy_from_slice(&[x, z, pitch]));
-    }
-
-    #[test]
-    fn masses_are_those_of_gymnasiums_model() {
-        let simulation = Simulation::new(CliffCheetah::MODEL).unwrap();
-        let model = simulation.model();
-        let published = [6.25020921, 1.54351464, 1.5874477, 1.09539749, 1.43807531, 1.20083682, 0.88451883];
-        for (mass, published) in model.body_mass()[1..].iter().zip(published) {
-            assert!((mass - published).abs() < 1e-8, "{mass} {published}");
-        }
-        assert!((model.totalmass() - 14.0).abs() < 1e-9);
-    }
-
-    #[test]
-    fn free_flight_is_that_of_gymnasiums_model() {
-        let mut simulation = Simulation::new(CliffCheetah::MODEL).unwrap();
-        simulation.reset(|positions, _| positions[1] = 10.0);
-        for k in 0..20 {
-            let action: [f32; 6] = std::array::from_fn(|i| (0.7f32 * k as f32 + i as f32).sin());
-            simulation.advance(&action, CliffCheetah::SUBSTEPS).unwrap();
-        }
-        let state = simulation.positions().iter().chain(simulation.velocities());
-        for (index, (ours, theirs)) in state.zip(GYMNASIUM_FREE_FLIGHT).enumerate() {
-            assert!((ours - theirs).abs() < 1e-6, "{index}: {ours} {theirs}");
-        }
     }
 
     #[test]
@@ -229,12 +152,15 @@ mod tests {
     }
 
     #[test]
-    fn each_field_of_the_configuration_is_heeded() {
-        let cheetah: CheetahRobot = make("(horizon: 9)");
-        assert_eq!(cheetah.spec().episode_length, 9);
-        let mut still: CheetahRobot = make("(start_noise: 0.0)");
-        let mut observation = [1.0; 18];
-        still.reset(3, &mut observation).unwrap();
-        assert_eq!(observation, [0.0; 18]);
+    fn a_shorter_cliff_ends_sooner() {
+        for (config, falls) in [("()", false), ("(cliff_length: 3.0)", true)] {
+            let mut cheetah: CheetahRobot = make(config);
+            place(&mut cheetah, 4.0, 0.0, 0.0);
+            let outcome = (0..30).map(|_| cheetah.step(&[0.0; 6], &mut [0.0; 18]).unwrap()).last().unwrap();
+            assert_eq!(outcome.irreversible, falls, "{config}");
+        }
+        for config in ["(cliff_length: 0.4)", "(cliff_length: NaN)", "(cliff_length: inf)"] {
+            assert!(try_make::<CliffCheetah>(config).is_err(), "{config}");
+        }
     }
 }

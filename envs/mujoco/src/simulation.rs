@@ -14,6 +14,8 @@ pub struct Simulation {
     data: MjData<Box<MjModel>>,
     /// Lowest and highest control of each actuator.
     control_range: Vec<[f64; 2]>,
+    /// Generalised positions before the last action.
+    positions_before: Vec<f64>,
 }
 
 impl Simulation {
@@ -27,7 +29,9 @@ impl Simulation {
         let model = MjModel::from_xml_string(xml).map_err(|error| failed(&error))?;
         let control_range = model.actuator_ctrlrange().to_vec();
         let data = MjData::try_new(Box::new(model)).map_err(|error| failed(&error))?;
-        Ok(Self { data, control_range })
+        let mut simulation = Self { positions_before: data.qpos().to_vec(), data, control_range };
+        simulation.reset(|_, _| ());
+        Ok(simulation)
     }
 
     /// Generalised positions, one per joint.
@@ -38,6 +42,27 @@ impl Simulation {
     /// Generalised velocities, one per joint.
     pub fn velocities(&self) -> &[f64] {
         self.data.qvel()
+    }
+
+    /// The last action, clipped to the actuators' ranges.
+    pub fn controls(&self) -> &[f64] {
+        self.data.ctrl()
+    }
+
+    /// Where the model's site of this number is, in the world. Not known after [`load`](Self::load) until the next step.
+    pub fn site(&self, index: usize) -> [f64; 3] {
+        self.data.site_xpos()[index]
+    }
+
+    /// Sum of the squares of the last action.
+    pub fn squared_control(&self) -> f64 {
+        self.controls().iter().map(|control| control * control).sum()
+    }
+
+    /// How fast the first joint moved on average during the last action, which was held for `substeps`.
+    pub fn mean_speed(&self, substeps: usize) -> f64 {
+        let seconds = self.data.model().ffi().opt.timestep * substeps as f64;
+        (self.positions()[0] - self.positions_before[0]) / seconds
     }
 
     /// The actuators' ranges of control.
@@ -53,6 +78,7 @@ impl Simulation {
         place(&mut positions, &mut velocities);
         self.data.qpos_mut().copy_from_slice(&positions);
         self.data.qvel_mut().copy_from_slice(&velocities);
+        self.update_sites();
     }
 
     /// Holds `action`, clipped to the actuators' ranges, for `substeps` of the model's time step.
@@ -67,15 +93,24 @@ impl Simulation {
         {
             *control = f64::from(*value).clamp(*low, *high);
         }
+        self.positions_before.copy_from_slice(self.data.qpos());
         for _ in 0..substeps {
             self.data.step();
         }
+        self.update_sites();
         let mut state = self.positions().iter().chain(self.velocities());
         // NaN is not below the bound either.
         if state.all(|value| value.abs() < DIVERGED) {
             Ok(())
         } else {
             Err(Error::failed("the simulation diverged; only a hard reset leads on"))
+        }
+    }
+
+    /// A step of the model leaves the sites where they were before it.
+    fn update_sites(&mut self) {
+        if !self.data.site_xpos().is_empty() {
+            self.data.kinematics();
         }
     }
 
@@ -98,6 +133,12 @@ impl Simulation {
             )));
         }
         self.data.set_state(&state, FULL_STATE).map_err(|error| Error::failed(error.to_string()))
+    }
+
+    /// Simulated seconds since the last reset.
+    #[cfg(test)]
+    pub fn time(&self) -> f64 {
+        self.data.time()
     }
 
     /// The compiled model, to compare with published figures.

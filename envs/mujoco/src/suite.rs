@@ -38,6 +38,40 @@ pub fn value_of_staying<T: Task>(robot: &mut Robot<T>) -> f32 {
     })
 }
 
+/// What Gymnasium's environment of the same kind did (Gymnasium 1.4.0, MuJoCo 3.17.0): from its default pose at rest, action i of
+/// step k being `scale` · ((7k + 3i) mod 16 / 8 − 1), until it ended or for so many steps.
+pub struct GymnasiumEpisode<const N: usize> {
+    pub scale: f32,
+    pub steps: usize,
+    pub terminated: bool,
+    pub total_reward: f64,
+    pub last_observation: [f64; N],
+}
+
+impl<const N: usize> GymnasiumEpisode<N> {
+    pub fn agrees_with<T: Task>(&self) {
+        let mut robot = make::<T>("(start_noise: 0.0)");
+        let mut observation = [0.0; N];
+        robot.reset(0, &mut observation).unwrap();
+        let dimensions = robot.spec().spaces.action_len();
+        let mut total_reward = 0.0;
+        for step in 0..self.steps {
+            let wave = |index: usize| ((7 * step + 3 * index) % 16) as f32 / 8.0 - 1.0;
+            let action: Vec<f32> = (0..dimensions).map(|index| self.scale * wave(index)).collect();
+            let outcome = robot.step(&action, &mut observation).unwrap();
+            total_reward += f64::from(outcome.forward_reward);
+            assert_eq!(outcome.terminated, self.terminated && step + 1 == self.steps, "step {step}");
+        }
+        assert!((total_reward - self.total_reward).abs() < 1e-5, "{total_reward} {}", self.total_reward);
+        for (index, (ours, theirs)) in observation.iter().zip(self.last_observation).enumerate() {
+            assert!(
+                (f64::from(*ours) - theirs).abs() < 2e-6 * theirs.abs().max(1.0),
+                "{index}: {ours} {theirs}"
+            );
+        }
+    }
+}
+
 /// A robot with what surrounds a test of it.
 struct Bench<T> {
     robot: Robot<T>,
@@ -78,10 +112,10 @@ impl<T: Task> Bench<T> {
     }
 }
 
-fn spaces_agree_with<T: Task>(observation: usize, action: usize, horizon: usize) {
+fn spaces_agree_with<T: Task>(observation: usize, action: usize, bound: f32, horizon: usize) {
     let spec = Bench::<T>::new().robot.spec();
     assert_eq!(spec.spaces.observation, Space::unbounded(observation));
-    assert_eq!(spec.spaces.action, Space::uniform(action, -1.0, 1.0));
+    assert_eq!(spec.spaces.action, Space::uniform(action, -bound, bound));
     assert_eq!(spec.episode_length, horizon);
     assert!(spec.brings_reset_reward);
 }
@@ -145,23 +179,38 @@ fn a_bad_action_is_refused_and_nothing_changes<T: Task>() {
 fn an_action_out_of_range_acts_like_the_bound<T: Task>() {
     let (mut far, mut at_bound) = (Bench::<T>::new(), Bench::<T>::new());
     let dimensions = far.actions[0].len();
+    let Space::Box { high, .. } = far.robot.spec().spaces.action else {
+        panic!("a motor's control is continuous")
+    };
     for _ in 0..20 {
         far.step(&vec![f32::MAX; dimensions]).unwrap();
-        at_bound.step(&vec![1.0; dimensions]).unwrap();
+        at_bound.step(&high).unwrap();
     }
     assert_eq!(far.saved(), at_bound.saved());
 }
 
-fn rewards_stay_in_the_unit_interval<T: Task>() {
+/// Outcomes of 20 episodes of 200 random actions.
+fn outcomes<T: Task>() -> impl Iterator<Item = StepOutcome> {
     let mut bench = Bench::<T>::new();
-    for seed in 0..20 {
+    (0..20).flat_map(move |seed| {
         bench.robot.reset(seed, &mut bench.observation).unwrap();
-        for (_, outcome) in bench.run(0..200) {
-            assert!((0.0..=1.0).contains(&outcome.forward_reward), "{outcome:?}");
-            assert!((0.0..=1.0).contains(&outcome.reset_reward), "{outcome:?}");
-            assert!(!outcome.terminated);
-            assert!(!(outcome.irreversible && outcome.in_reset_set), "{outcome:?}");
-        }
+        bench.run(0..200).into_iter().map(|(_, outcome)| outcome)
+    })
+}
+
+fn reset_rewards_stay_in_the_unit_interval<T: Task>() {
+    for outcome in outcomes::<T>() {
+        assert!((0.0..=1.0).contains(&outcome.reset_reward), "{outcome:?}");
+        assert!(!(outcome.irreversible && outcome.in_reset_set), "{outcome:?}");
+        assert!(!(outcome.terminated && outcome.in_reset_set), "{outcome:?}");
+    }
+}
+
+/// Of the paper's robots only; those to judge learners by have Gymnasium's rewards and endings.
+fn forward_rewards_stay_in_the_unit_interval_and_nothing_ends_an_episode<T: Task>() {
+    for outcome in outcomes::<T>() {
+        assert!((0.0..=1.0).contains(&outcome.forward_reward), "{outcome:?}");
+        assert!(!outcome.terminated, "{outcome:?}");
     }
 }
 
@@ -200,10 +249,44 @@ fn named_starts_exist_and_others_do_not<T: Task>() {
     assert_eq!(bench.saved(), before);
 }
 
+fn each_common_field_of_the_configuration_is_heeded<T: Task>() {
+    assert_eq!(make::<T>("(horizon: 7)").spec().episode_length, 7);
+    let mut bench = Bench::<T>::new();
+    let idle = vec![0.0; bench.actions[0].len()];
+    let mut duration = |config| {
+        let mut robot = make::<T>(config);
+        robot.reset(0, &mut bench.observation).unwrap();
+        robot.step(&idle, &mut bench.observation).unwrap();
+        robot.simulation_mut().time()
+    };
+    let (one, three) = (duration("(control_step: 1)"), duration("(control_step: 3)"));
+    assert!((three / one - 3.0).abs() < 1e-9, "{one} {three}");
+
+    // Without noise all seeds start alike; a larger one starts further off.
+    let starts = |config| {
+        let mut robot = make::<T>(config);
+        [1, 2].map(|seed| {
+            let mut observation = vec![0.0; robot.spec().spaces.observation_len()];
+            robot.reset(seed, &mut observation).unwrap();
+            observation
+        })
+    };
+    let ([still, same], [small, _], [large, _]) =
+        (starts("(start_noise: 0.0)"), starts("(start_noise: 0.001)"), starts("(start_noise: 0.002)"));
+    assert_eq!(still, same);
+    let distance = |from: &[f32]| from.iter().zip(&still).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    assert!(distance(&small) > 0.0 && distance(&large) > 1.5 * distance(&small));
+}
+
 fn impossible_configurations_are_refused<T: Task>() {
-    for config in
-        ["(horizon: 0)", "(start_noise: -0.1)", "(start_noise: inf)", "(start_noise: NaN)", "(nose: 1)"]
-    {
+    for config in [
+        "(horizon: 0)",
+        "(control_step: 0)",
+        "(start_noise: -0.1)",
+        "(start_noise: inf)",
+        "(start_noise: NaN)",
+        "(nose: 1)",
+    ] {
         let error = try_make::<T>(config).err().unwrap();
         assert_eq!(error.kind(), ErrorKind::InvalidConfig, "{config}");
     }
@@ -227,11 +310,12 @@ fn steps_per_second<T: Task>() {
 }
 
 macro_rules! suite {
-    ($($robot:ident: $task:ty, observation $observation:literal, action $action:literal, horizon $horizon:literal;)+) => {$(
+    ($($robot:ident: $task:ty, observation $observation:literal, action $action:literal in $bound:literal, horizon $horizon:literal
+        $(, $paper:ident)?;)+) => {$(
         mod $robot {
             #[test]
             fn spaces_agree() {
-                super::spaces_agree_with::<$task>($observation, $action, $horizon);
+                super::spaces_agree_with::<$task>($observation, $action, $bound, $horizon);
             }
 
             #[test]
@@ -246,13 +330,18 @@ macro_rules! suite {
                 foreign_bytes_are_refused_and_nothing_changes,
                 a_bad_action_is_refused_and_nothing_changes,
                 an_action_out_of_range_acts_like_the_bound,
-                rewards_stay_in_the_unit_interval,
+                reset_rewards_stay_in_the_unit_interval,
                 a_diverged_simulation_is_an_error_until_the_next_reset,
                 a_hard_reset_lies_in_the_reset_set,
                 named_starts_exist_and_others_do_not,
+                each_common_field_of_the_configuration_is_heeded,
                 impossible_configurations_are_refused);
+            $(suite!(@$paper $task);)?
         }
     )+};
+    (@continuing $task:ty) => {
+        suite!(@tests $task; forward_rewards_stay_in_the_unit_interval_and_nothing_ends_an_episode);
+    };
     (@tests $task:ty; $($name:ident),+) => {$(
         #[test]
         fn $name() {
@@ -262,6 +351,13 @@ macro_rules! suite {
 }
 
 suite! {
-    cliff_cart: crate::cliff_cart::CliffCart, observation 6, action 1, horizon 100;
-    cliff_cheetah: crate::cliff_cheetah::CliffCheetah, observation 18, action 6, horizon 500;
+    ball_in_cup: crate::ball_in_cup::BallInCup, observation 8, action 2 in 1.0, horizon 50, continuing;
+    cliff_cart: crate::cliff_cart::CliffCart, observation 6, action 1 in 1.0, horizon 100, continuing;
+    cliff_cheetah: crate::cliff_cheetah::CliffCheetah, observation 18, action 6 in 1.0, horizon 500, continuing;
+    cliff_walker: crate::cliff_walker::CliffWalker, observation 18, action 6 in 1.0, horizon 500, continuing;
+    half_cheetah: crate::half_cheetah::HalfCheetah, observation 17, action 6 in 1.0, horizon 1000;
+    inverted_pendulum: crate::inverted_pendulum::InvertedPendulum, observation 4, action 1 in 3.0, horizon 1000;
+    peg_insertion: crate::peg_insertion::PegInsertion, observation 14, action 7 in 2.0, horizon 50, continuing;
+    pusher: crate::pusher::Pusher, observation 10, action 3 in 2.0, horizon 100, continuing;
+    walker: crate::walker::Walker, observation 17, action 6 in 1.0, horizon 1000;
 }

@@ -15,10 +15,6 @@ pub trait Task: Send + Sized + 'static {
     /// The plugin's configuration.
     type Config: PluginConfig;
 
-    /// The model in MuJoCo's XML.
-    const MODEL: &'static str;
-    /// How many time steps of the model one action is held.
-    const SUBSTEPS: usize;
     /// Names of the starts beside the usual one.
     const STARTS: &'static [&'static str] = &[];
 
@@ -28,20 +24,34 @@ pub trait Task: Send + Sized + 'static {
     /// A value that cannot be.
     fn new(config: Self::Config) -> Result<Self>;
 
+    /// The model in MuJoCo's XML.
+    fn model(&self) -> String;
+
     /// Steps of an episode.
     fn horizon(&self) -> usize;
 
+    /// How many time steps of the model one action is held.
+    fn control_step(&self) -> usize;
+
     /// Alters the default pose at rest into an initial state; `start` is one of [`STARTS`](Self::STARTS) or `None`.
     fn place(&self, start: Option<&str>, rng: &mut Pcg64, positions: &mut [f64], velocities: &mut [f64]);
+
+    /// What the agents see; by default the positions, then the velocities.
+    fn observe(&self, simulation: &Simulation) -> impl Iterator<Item = f64> {
+        simulation.positions().iter().chain(simulation.velocities()).copied()
+    }
 
     /// Rewards and flags of the state that an action led to.
     fn outcome(&self, simulation: &Simulation) -> StepOutcome;
 }
 
-/// The environment of a task. It observes the positions, then the velocities.
+/// The environment of a task.
 pub struct Robot<T> {
     task: T,
     simulation: Simulation,
+    observation_len: usize,
+    /// What every saved state begins with, so that it is not taken for a state of another model.
+    save_header: [u8; 16],
 }
 
 impl<T: Task> Robot<T> {
@@ -51,31 +61,19 @@ impl<T: Task> Robot<T> {
         &mut self.simulation
     }
 
-    fn observation_len(&self) -> usize {
-        self.simulation.positions().len() + self.simulation.velocities().len()
-    }
-
     fn observe(&self, observation: &mut [f32]) {
-        let state = self.simulation.positions().iter().chain(self.simulation.velocities());
-        for (seen, value) in observation.iter_mut().zip(state) {
-            *seen = *value as f32;
+        for (seen, value) in observation.iter_mut().zip(self.task.observe(&self.simulation)) {
+            *seen = value as f32;
         }
     }
 
     fn start(&mut self, start: Option<&str>, seed: u64, observation: &mut [f32]) -> Result<()> {
-        check_length("observation", observation, self.observation_len())?;
+        check_length("observation", observation, self.observation_len)?;
         let mut rng = Pcg64::seed_from_u64(seed);
         let task = &self.task;
         self.simulation.reset(|positions, velocities| task.place(start, &mut rng, positions, velocities));
         self.observe(observation);
         Ok(())
-    }
-
-    /// What every saved state begins with, so that it is not taken for a state of another model.
-    fn save_header() -> [u8; 16] {
-        let mut header = *b"MJSTATE1........";
-        header[8..].copy_from_slice(&fnv1a(T::MODEL.as_bytes()).to_le_bytes());
-        header
     }
 }
 
@@ -87,20 +85,28 @@ impl<T: Task> Plugin for Robot<T> {
         if task.horizon() == 0 {
             return Err(Error::invalid_config("horizon is 0; an episode has at least 1 step"));
         }
-        Ok(Self { task, simulation: Simulation::new(T::MODEL)? })
+        if task.control_step() == 0 {
+            return Err(Error::invalid_config(
+                "control_step is 0; an action is held for at least 1 step of the model",
+            ));
+        }
+        let model = task.model();
+        let simulation = Simulation::new(&model)?;
+        let observation_len = task.observe(&simulation).count();
+        Ok(Self { task, simulation, observation_len, save_header: save_header(&model) })
     }
 }
 
 impl<T: Task> Checkpoint for Robot<T> {
     fn save(&self, bytes: &mut Vec<u8>) -> Result<()> {
-        bytes.extend(Self::save_header());
+        bytes.extend(self.save_header);
         self.simulation.save(bytes);
         Ok(())
     }
 
     fn load(&mut self, bytes: &[u8]) -> Result<()> {
         let state = bytes
-            .strip_prefix(&Self::save_header())
+            .strip_prefix(&self.save_header)
             .ok_or_else(|| Error::invalid_argument("these bytes are not a state of this robot's model"))?;
         self.simulation.load(state)
     }
@@ -110,7 +116,7 @@ impl<T: Task> Environment for Robot<T> {
     fn spec(&self) -> EnvironmentSpec {
         EnvironmentSpec {
             spaces: Spaces {
-                observation: Space::unbounded(self.observation_len()),
+                observation: Space::unbounded(self.observation_len),
                 action: self.simulation.action_space(),
             },
             episode_length: self.task.horizon(),
@@ -123,8 +129,8 @@ impl<T: Task> Environment for Robot<T> {
     }
 
     fn step(&mut self, action: &[f32], observation: &mut [f32]) -> Result<StepOutcome> {
-        check_length("observation", observation, self.observation_len())?;
-        self.simulation.advance(action, T::SUBSTEPS)?;
+        check_length("observation", observation, self.observation_len)?;
+        self.simulation.advance(action, self.task.control_step())?;
         self.observe(observation);
         Ok(self.task.outcome(&self.simulation))
     }
@@ -142,6 +148,12 @@ impl<T: Task> Environment for Robot<T> {
         }
         self.start(Some(start), seed, observation)
     }
+}
+
+fn save_header(model: &str) -> [u8; 16] {
+    let mut header = *b"MJSTATE1........";
+    header[8..].copy_from_slice(&fnv1a(model.as_bytes()).to_le_bytes());
+    header
 }
 
 /// The 64-bit FNV-1a hash: tells two models apart, the same on every machine.

@@ -78,8 +78,8 @@ impl Learner for Ddpg {
             // yᵢ = r + γ c Q'ᵢ(s', π'(s'))
             let member = critic.index();
             let next_values = critic.target_values(&buffers.next_observations, &buffers.next_actions);
-            for row in 0..batch.size {
-                let bootstrap = config.discount * batch.continuations[row] * next_values[row];
+            for (row, next_value) in next_values.iter().enumerate() {
+                let bootstrap = config.discount * batch.continuations[row] * next_value;
                 step.targets[row] = batch.rewards[row] + bootstrap;
                 step.weights[row] = batch.masks[row * config.critics + member];
             }

@@ -6,6 +6,8 @@ use shield_api::{
 
 use crate::{Ddpg, DdpgConfig};
 
+mod timing;
+
 const OBSERVATION: usize = 3;
 const ACTION: usize = 2;
 const SIZE: usize = 8;
@@ -349,6 +351,17 @@ fn after_the_first_call_nothing_is_allocated() {
     assert_eq!(counted.count_total, 0);
 }
 
+/// rayon's queue is a list of blocks with room for 63 jobs each.
+#[test]
+fn with_two_threads_only_the_queue_of_jobs_allocates() {
+    let mut learner = learner(SMALL, 5, 2);
+    let transitions = Transitions::random(3, 1);
+    (0..2).for_each(|_| learner.update(&transitions.batch()).unwrap());
+    let updates = || (0..630).for_each(|_| learner.update(&transitions.batch()).unwrap());
+    let counted = allocation_counter::measure(updates);
+    assert!(counted.count_total <= 11, "{counted:?}");
+}
+
 /// One step, reward −(a − 0.3)²: the value has its maximum at 0.3, and the actor must find it.
 #[test]
 fn the_best_action_of_one_step_is_found() {
@@ -381,49 +394,20 @@ fn the_best_action_of_one_step_is_found() {
 }
 
 #[test]
-#[ignore = "a measurement: run with --release --nocapture --test-threads 1"]
-fn how_long_it_takes() {
-    const SIZE: usize = 64;
-    let action = Space::uniform(6, -1.0, 1.0);
-    let spaces = Spaces { observation: Space::unbounded(18), action };
-    let mut rng = Pcg64::seed_from_u64(0);
-    let mut floats = |length| (0..length).map(|_| rng.random_range(0.0..1.0)).collect::<Vec<f32>>();
-    let (observations, actions, rewards) = (floats(SIZE * 18), floats(SIZE * 6), floats(SIZE));
-    let batch = Batch {
-        size: SIZE,
-        observations: &observations,
-        actions: &actions,
-        rewards: &rewards,
-        next_observations: &observations,
-        continuations: &[1.0; SIZE],
-        masks: &[1.0; SIZE * 20],
-    };
-    for threads in [1, 2] {
-        let setup = Setup::with_spaces(0, threads, Host::silent(), spaces.clone());
-        let config = DdpgConfig { random_steps: 0, ..DdpgConfig::default() };
-        let mut learner = Ddpg::create(config, &setup).unwrap();
-        let (mut values, mut gradients, mut action) = ([0.0; 20], [0.0; 120], [0.0; 6]);
-        let mut report = |name: &str, repeats: usize, work: &mut dyn FnMut(&mut Ddpg)| {
-            let mut times: Vec<_> = (0..repeats)
-                .map(|_| {
-                    let start = std::time::Instant::now();
-                    work(&mut learner);
-                    start.elapsed()
-                })
-                .collect();
-            times.sort();
-            println!("{name}, {threads} threads: median {:?}, best {:?}", times[repeats / 2], times[0]);
-        };
-        let (observation, proposed) = (&observations[..18], &actions[..6]);
-        report("update", 200, &mut |learner| learner.update(&batch).unwrap());
-        report("act", 2000, &mut |learner| {
-            learner.act(observation, ActMode::Explore, &mut action).unwrap();
-        });
-        report("q_values", 2000, &mut |learner| {
-            learner.q_values(observation, proposed, &mut values).unwrap();
-        });
-        report("q_gradients", 2000, &mut |learner| {
-            learner.q_gradients(observation, proposed, &mut values, &mut gradients).unwrap();
-        });
-    }
+fn optimistic_critics_begin_at_the_given_value() {
+    let mut learner = learner(&small_with("critics: 3, initial_value: Some(20.0)"), 5, 1);
+    assert!(values(&mut learner).iter().all(|value| (value - 20.0).abs() < 0.2));
+}
+
+#[test]
+fn a_loss_that_overflows_is_an_error_and_leaves_values_finite() {
+    let mut learner = learner(&small_with("critics: 3, loss: Squared"), 5, 1);
+    let mut transitions = Transitions::random(3, 1);
+    transitions.rewards[0] = f32::MAX;
+    let before = values(&mut learner);
+    assert_eq!(learner.update(&transitions.batch()).unwrap_err().kind(), ErrorKind::Failed);
+    let after = values(&mut learner);
+    assert!(after.iter().all(|value| value.is_finite()));
+    // Transition 0 is masked for member 1 alone; the others have taken no step.
+    assert_eq!((before[0], before[2]), (after[0], after[2]));
 }

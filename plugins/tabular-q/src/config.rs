@@ -3,24 +3,23 @@
 use shield_api::{Error, Result};
 
 shield_api::config! {
-    /// Settings of tabular Q-learning. "Paper" is Leave no Trace, section 5; what it does not give was found by trying, on
-    /// 5 × 5 maps.
+    /// Settings of tabular Q-learning. "Paper" is Leave no Trace, section 5; what it does not give is said so.
     pub struct TabularQConfig {
         /// How many tables (paper: 5).
         members: usize = 5,
-        /// Share of the way to its target that a value goes per update (tried; Sutton and Barto 2018, example 6.6: 0.5).
+        /// Share of the way to its target that a value goes per update (Sutton and Barto 2018, example 6.5: 0.5).
         learning_rate: f32 = 0.5,
         /// γ (paper: 0.99).
         discount: f32 = 0.99,
-        /// Initial values are uniform between this (tried: 0) ...
+        /// Initial values are uniform between this (a probability of resetting is at least 0) ...
         initial_low: f32 = 0.0,
-        /// ... and this (tried: 1, the most that a probability of resetting can be).
+        /// ... and this (and at most 1).
         initial_high: f32 = 1.0,
-        /// Share of uniform actions while exploring, at the beginning (tried).
+        /// Share of uniform actions while exploring, at the beginning (not given; chosen).
         epsilon: f32 = 0.3,
-        /// The same after `epsilon_steps` (tried).
+        /// The same after `epsilon_steps` (not given; chosen).
         final_epsilon: f32 = 0.05,
-        /// Exploring actions within which the share moves linearly (tried).
+        /// Exploring actions within which the share moves linearly (not given; chosen).
         epsilon_steps: u64 = 5_000 => "5000",
     }
 }

@@ -1,9 +1,9 @@
 //! What a person sees while runs go on: one line per run, on the terminal only.
 
-use std::time::Duration;
+use std::{fmt, time::Duration};
 
 use anyhow::Result;
-use indicatif::{MultiProgress, ProgressBar, ProgressStyle};
+use indicatif::{MultiProgress, ProgressBar, ProgressState, ProgressStyle};
 use shield_runtime::{
     experience::AgentRole,
     observer::{Counters, EpisodeRecord, EvaluationRecord, Observer},
@@ -22,9 +22,13 @@ impl Progress {
     /// A line among others.
     pub fn new(display: &MultiProgress, name: String, steps: u64) -> Self {
         let style = ProgressStyle::with_template(
-            "{prefix:24} {bar:20} {percent:>3}% {per_sec:>16} {msg} {eta:>5} left",
+            "{prefix:24} {bar:16} {percent:>3}% {speed:>10} {wide_msg} {eta:>4} left",
         )
-        .unwrap_or_else(|_| ProgressStyle::default_bar());
+        .unwrap_or_else(|_| ProgressStyle::default_bar())
+        .with_key("speed", |state: &ProgressState, out: &mut dyn fmt::Write| {
+            // A line that cannot be drawn is no reason to stop a run.
+            write!(out, "{:.0}/s", state.per_sec()).ok();
+        });
         let bar = display.add(ProgressBar::new(steps).with_style(style).with_prefix(name));
         bar.enable_steady_tick(Duration::from_millis(500));
         Self { bar, last_return: f64::NAN }

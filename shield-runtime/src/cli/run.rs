@@ -71,11 +71,11 @@ struct Session<'a> {
 pub fn run(arguments: &RunArguments, registry: &Registry) -> Result<(), Failure> {
     let file = ExperimentFile::read(&arguments.experiment)?;
     let variants = file.variants(&overrides(arguments)?, arguments.variants.as_deref())?;
-    let jobs = jobs(arguments, &variants)?;
     // Everything that can be wrong with the input shows before the first folder is written.
     for variant in &variants {
         prepare(registry, variant, variant.experiment.seeds[0])?;
     }
+    let jobs = jobs(arguments, &variants)?;
     let display = MultiProgress::new();
     stop_on_ctrl_c(&display);
     let session = Session { registry, overwrite: arguments.overwrite, display };

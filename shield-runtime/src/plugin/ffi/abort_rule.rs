@@ -183,14 +183,18 @@ unsafe extern "C" fn push_row(
     let Some(collector) = (unsafe { context.cast::<Collector<'_>>().as_mut() }) else {
         return status::INVALID_ARGUMENT;
     };
-    let coefficients: &[f32] = if coefficients.is_null() || length > collector.action_len {
-        &[]
+    let pushed = if coefficients.is_null() || length != collector.action_len {
+        // Not even looked at: the length may be as wrong as the pointer.
+        Err(Error::invalid_argument(format!(
+            "the row has {length} values, expected {}",
+            collector.action_len
+        )))
     } else {
         // SAFETY: not null, and the plugin's values live for the call.
-        unsafe { std::slice::from_raw_parts(coefficients, length) }
+        let coefficients = unsafe { std::slice::from_raw_parts(coefficients, length) };
+        catch_unwind(AssertUnwindSafe(|| collector.push(coefficients, bound)))
+            .unwrap_or_else(|_| Err(Error::failed("the host panicked while it took a row")))
     };
-    let pushed = catch_unwind(AssertUnwindSafe(|| collector.push(coefficients, bound)))
-        .unwrap_or_else(|_| Err(Error::failed("the host panicked while it took a row")));
     match pushed {
         Ok(()) => status::OK,
         Err(error) => {

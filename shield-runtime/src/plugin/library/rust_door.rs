@@ -77,16 +77,16 @@ fn version(header: &AbiHeader) -> String {
 fn difference(errors: &AbiInstabilityErrors) -> Option<String> {
     let first: &AbiInstabilityError =
         errors.errors.iter().filter(|error| !error.errs.is_empty()).max_by_key(|e| e.stack_trace.len())?;
-    let place: Vec<&str> = first
-        .stack_trace
-        .iter()
-        .map(|step| match &step.expected {
-            TLFieldOrFunction::Field(field) => field.name(),
-            TLFieldOrFunction::Function(_) => "its function",
-        })
-        .collect();
+    // A pointer's target, a function and a tuple's member are steps without a name of their own.
+    let has_name = |name: &&str| !name.starts_with(|first: char| first.is_ascii_digit());
+    let fields = first.stack_trace.iter().filter_map(|step| match &step.expected {
+        TLFieldOrFunction::Field(field) => Some(field),
+        TLFieldOrFunction::Function(_) => None,
+    });
+    let kind = fields.clone().next_back().map_or("the root module", |field| field.layout().name());
+    let place: Vec<&str> = fields.map(|field| field.name()).filter(has_name).collect();
     let what: Vec<String> = first.errs.iter().take(3).map(describe).collect();
-    Some(format!("at `{}`: {}", place.join("."), what.join("; ")))
+    Some(format!("in `{kind}`, at `{}`: {}", place.join("."), what.join("; ")))
 }
 
 fn describe(difference: &AbiInstability) -> String {

@@ -56,8 +56,11 @@ function_tables! {
 /// # Safety
 /// The pointer is null, or points to a `usize` that is the size of what lies there.
 unsafe fn check_size<T>(pointer: *const T, what: &str) -> Result<(), String> {
-    if pointer.is_null() || !pointer.is_aligned() {
-        return Err(format!("its {what} is at the address {pointer:p}"));
+    if pointer.is_null() {
+        return Err(format!("its {what} is a null pointer"));
+    }
+    if !pointer.is_aligned() {
+        return Err(format!("its {what} lies at the address {pointer:p}, which is not aligned"));
     }
     // SAFETY: not null, aligned for `T` and so for `usize`; the caller's promise.
     let size = unsafe { pointer.cast::<usize>().read() };

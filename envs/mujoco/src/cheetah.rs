@@ -1,0 +1,112 @@
+//! The half-cheetah: its model and its quantities, for the tasks that it has.
+
+use rand::RngExt;
+use rand_distr::StandardNormal;
+use rand_pcg::Pcg64;
+
+use crate::reward::{tolerance, wrapped};
+use crate::simulation::Simulation;
+
+/// The robot without ground.
+pub const MODEL: &str = include_str!("half_cheetah.xml");
+
+/// Height of the torso in the default pose.
+const DEFAULT_HEIGHT: f64 = 0.7;
+
+/// The quantities of the cheetah that the tasks speak of.
+pub struct Cheetah<'a>(pub &'a Simulation);
+
+impl Cheetah<'_> {
+    pub fn position(&self) -> f64 {
+        self.0.positions()[0]
+    }
+
+    /// Of the torso's middle, in the world.
+    pub fn height(&self) -> f64 {
+        DEFAULT_HEIGHT + self.0.positions()[1]
+    }
+
+    pub fn pitch(&self) -> f64 {
+        wrapped(self.0.positions()[2])
+    }
+
+    pub fn speed(&self) -> f64 {
+        self.0.velocities()[0]
+    }
+
+    /// 0.8 near the origin, 0.1 falling with the distance from it, 0.1 for an upright torso; in [0, 1].
+    pub fn reset_reward(&self) -> f64 {
+        let distance = self.position().abs();
+        let near = if distance < 0.5 { 0.8 } else { 0.0 };
+        let upright = tolerance(self.pitch(), [-0.05, 0.05], 0.1);
+        (near + 0.1 * (1.0 - 0.2 * distance) + 0.1 * upright).clamp(0.0, 1.0)
+    }
+
+    /// The paper's "reset reward above 0.7" alone would admit a cheetah on its back.
+    pub fn is_reset(&self) -> bool {
+        self.reset_reward() > 0.7 && self.pitch().abs() < 0.5
+    }
+}
+
+/// Adds uniform noise of ± `noise` to the positions, and normal noise of this deviation to the velocities.
+pub fn add_noise(noise: f64, rng: &mut Pcg64, positions: &mut [f64], velocities: &mut [f64]) {
+    for position in positions {
+        *position += rng.random_range(-noise..=noise);
+    }
+    for velocity in velocities {
+        let standard: f64 = rng.sample(StandardNormal);
+        *velocity += noise * standard;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What Gymnasium's own model computes: MuJoCo 3.17.0, `half_cheetah.xml`, qpos[1] = 10, then 20 actions sin(0.7 k + i).
+    const GYMNASIUM_FREE_FLIGHT: [f64; 18] = [
+        -0.012027200610,
+        5.101019506234,
+        -0.239126083342,
+        0.528757701418,
+        0.579898930001,
+        0.298805323078,
+        -0.585666218991,
+        -0.549124249130,
+        -0.384463851860,
+        -0.039891565281,
+        -10.378888610289,
+        0.253332655354,
+        9.467869254516,
+        1.320879798035,
+        -4.419068315113,
+        -15.367018309936,
+        -2.350049383510,
+        4.122431602062,
+    ];
+
+    #[test]
+    fn masses_are_those_of_gymnasiums_model() {
+        let simulation = Simulation::new(MODEL).unwrap();
+        let model = simulation.model();
+        let published = [6.25020921, 1.54351464, 1.5874477, 1.09539749, 1.43807531, 1.20083682, 0.88451883];
+        for (mass, published) in model.body_mass()[1..].iter().zip(published) {
+            assert!((mass - published).abs() < 1e-8, "{mass} {published}");
+        }
+        assert!((model.totalmass() - 14.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn free_flight_is_that_of_gymnasiums_model() {
+        let mut simulation = Simulation::new(MODEL).unwrap();
+        simulation.reset(|positions, _| positions[1] = 10.0);
+        for k in 0..20 {
+            let action: [f32; 6] = std::array::from_fn(|i| (0.7f32 * k as f32 + i as f32).sin());
+            simulation.advance(&action, 5).unwrap();
+        }
+        let state = simulation.positions().iter().chain(simulation.velocities());
+        for (index, (ours, theirs)) in state.zip(GYMNASIUM_FREE_FLIGHT).enumerate() {
+            assert!((ours - theirs).abs() < 1e-6, "{index}: {ours} {theirs}");
+        }
+    }
+}

@@ -1,0 +1,114 @@
+//! `mujoco/half-cheetah`: the half-cheetah on a plane with Gymnasium's reward, to judge learners by.
+
+use rand_pcg::Pcg64;
+use shield_api::{Result, StepOutcome};
+
+use crate::cheetah::{self, Cheetah, add_noise};
+use crate::scenery::on_plane;
+use crate::simulation::Simulation;
+use crate::task::{Task, check_start_noise};
+
+shield_api::config! {
+    /// Settings of the half-cheetah; the defaults are those of Gymnasium's HalfCheetah-v5.
+    pub struct HalfCheetahConfig {
+        /// Steps of an episode.
+        horizon: usize = 1000,
+        /// A hard reset adds uniform noise of ± this to the positions, and normal noise of this deviation to the velocities.
+        start_noise: f64 = 0.1,
+        /// Time steps of the model (0.01 s) that an action is held.
+        control_step: usize = 5,
+    }
+}
+
+/// Weight of the squared action in the reward.
+const CONTROL_COST: f64 = 0.1;
+
+/// The task on the cheetah's model.
+pub struct HalfCheetah {
+    config: HalfCheetahConfig,
+}
+
+impl Task for HalfCheetah {
+    type Config = HalfCheetahConfig;
+
+    fn new(config: HalfCheetahConfig) -> Result<Self> {
+        check_start_noise(config.start_noise)?;
+        Ok(Self { config })
+    }
+
+    fn model(&self) -> String {
+        on_plane(cheetah::MODEL)
+    }
+
+    fn horizon(&self) -> usize {
+        self.config.horizon
+    }
+
+    fn control_step(&self) -> usize {
+        self.config.control_step
+    }
+
+    fn place(&self, _start: Option<&str>, rng: &mut Pcg64, positions: &mut [f64], velocities: &mut [f64]) {
+        add_noise(self.config.start_noise, rng, positions, velocities);
+    }
+
+    /// Without x, on which the reward does not depend.
+    fn observe(&self, simulation: &Simulation) -> impl Iterator<Item = f64> {
+        simulation.positions()[1..].iter().chain(simulation.velocities()).copied()
+    }
+
+    fn outcome(&self, simulation: &Simulation) -> StepOutcome {
+        let cheetah = Cheetah(simulation);
+        let forward = simulation.mean_speed(self.config.control_step);
+        StepOutcome {
+            forward_reward: (forward - CONTROL_COST * simulation.squared_control()) as f32,
+            reset_reward: cheetah.reset_reward() as f32,
+            in_reset_set: cheetah.is_reset(),
+            ..StepOutcome::default()
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::suite::{GymnasiumEpisode, make, value_of_staying};
+    use crate::task::Robot;
+
+    #[test]
+    fn an_episode_is_that_of_gymnasium() {
+        let episode = GymnasiumEpisode {
+            scale: 1.0,
+            steps: 40,
+            terminated: false,
+            total_reward: -12.310_66,
+            last_observation: [
+                -0.073976484,
+                0.052268522,
+                -0.148624510,
+                -0.037828591,
+                -0.233069645,
+                -0.213773890,
+                0.115847663,
+                -0.243507921,
+                -0.631475608,
+                0.174894507,
+                1.389916080,
+                -5.001642874,
+                -6.864590629,
+                5.453403514,
+                -0.928420009,
+                -1.390704917,
+                -2.822152780,
+            ],
+        };
+        episode.agrees_with::<HalfCheetah>();
+    }
+
+    #[test]
+    fn staying_at_the_start_is_worth_90() {
+        let mut cheetah: Robot<HalfCheetah> = make("()");
+        let safe = value_of_staying(&mut cheetah);
+        assert!(safe > 89.0, "{safe}");
+    }
+}

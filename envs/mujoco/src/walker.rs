@@ -1,0 +1,123 @@
+//! `mujoco/walker`: the planar walker on a plane with Gymnasium's reward, to judge learners by.
+
+use rand_pcg::Pcg64;
+use shield_api::{Result, StepOutcome};
+
+use crate::scenery::on_plane;
+use crate::simulation::Simulation;
+use crate::task::{Task, check_start_noise};
+use crate::walker2d::{self, Walker2d, add_noise};
+
+shield_api::config! {
+    /// Settings of the walker; the defaults are those of Gymnasium's Walker2d-v5.
+    pub struct WalkerConfig {
+        /// Steps of an episode, unless the walker falls.
+        horizon: usize = 1000,
+        /// A hard reset adds uniform noise of ± this to positions and velocities.
+        start_noise: f64 = 0.005,
+        /// Time steps of the model (0.002 s) that an action is held.
+        control_step: usize = 4,
+    }
+}
+
+/// Weight of the squared action in the reward.
+const CONTROL_COST: f64 = 1e-3;
+
+/// The task on the walker's model.
+pub struct Walker {
+    config: WalkerConfig,
+}
+
+impl Task for Walker {
+    type Config = WalkerConfig;
+
+    fn new(config: WalkerConfig) -> Result<Self> {
+        check_start_noise(config.start_noise)?;
+        Ok(Self { config })
+    }
+
+    fn model(&self) -> String {
+        on_plane(walker2d::MODEL)
+    }
+
+    fn horizon(&self) -> usize {
+        self.config.horizon
+    }
+
+    fn control_step(&self) -> usize {
+        self.config.control_step
+    }
+
+    fn place(&self, _start: Option<&str>, rng: &mut Pcg64, positions: &mut [f64], velocities: &mut [f64]) {
+        add_noise(self.config.start_noise, rng, positions, velocities);
+    }
+
+    /// Without x, on which the reward does not depend.
+    fn observe(&self, simulation: &Simulation) -> impl Iterator<Item = f64> {
+        walker2d::observe(simulation).skip(1)
+    }
+
+    fn outcome(&self, simulation: &Simulation) -> StepOutcome {
+        let walker = Walker2d(simulation);
+        let healthy = if walker.stands() { 1.0 } else { 0.0 };
+        let forward = simulation.mean_speed(self.config.control_step);
+        StepOutcome {
+            forward_reward: (healthy + forward - CONTROL_COST * simulation.squared_control()) as f32,
+            reset_reward: walker.reset_reward() as f32,
+            in_reset_set: walker.is_reset(),
+            terminated: !walker.stands(),
+            ..StepOutcome::default()
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use shield_api::Environment;
+
+    use super::*;
+    use crate::suite::{GymnasiumEpisode, make};
+    use crate::task::Robot;
+
+    #[test]
+    fn an_episode_is_that_of_gymnasium() {
+        let episode = GymnasiumEpisode {
+            scale: 1.0,
+            steps: 19,
+            terminated: true,
+            total_reward: 2.823757088,
+            last_observation: [
+                1.074152663,
+                -1.057520688,
+                -0.933933750,
+                -0.463788708,
+                0.450117459,
+                -0.943928326,
+                -0.453086560,
+                0.254910552,
+                -1.037337643,
+                -3.025910941,
+                -10.000000000,
+                -10.000000000,
+                -9.216314028,
+                5.750411855,
+                -10.000000000,
+                -4.717980788,
+                10.000000000,
+            ],
+        };
+        episode.agrees_with::<Walker>();
+    }
+
+    #[test]
+    fn standing_at_the_start_is_worth_100_and_a_fallen_walker_is_not_reset() {
+        let mut walker: Robot<Walker> = make("()");
+        let mut observation = [0.0; 17];
+        walker.reset(0, &mut observation).unwrap();
+        let standing = walker.step(&[0.0; 6], &mut observation).unwrap();
+        assert!(standing.in_reset_set && 100.0 * standing.reset_reward > 99.0, "{standing:?}");
+        walker.simulation_mut().reset(|positions, _| positions[1..3].copy_from_slice(&[0.3, 1.5]));
+        let fallen = walker.step(&[0.0; 6], &mut observation).unwrap();
+        assert!(fallen.terminated && !fallen.in_reset_set, "{fallen:?}");
+    }
+}

@@ -1,0 +1,87 @@
+//! What a step costs: the filter with 20 critics against their bare valuation, and the environment against raw `mj_step`.
+
+use std::hint::black_box;
+
+use criterion::{Criterion, criterion_group, criterion_main};
+use mujoco_rs::prelude::{MjData, MjModel};
+use shield_api::{Environment, Learner, Setup};
+use shield_runtime::{
+    plugin::{LoadedEnvironment, LoadedLearner, Registry, SearchPath, Selection, host},
+    shield::{Moment, Shield, ShieldSettings},
+};
+use shield_tests::{plugins_folder, workspace};
+
+fn registry() -> Registry {
+    Registry::scan(&SearchPath::new([plugins_folder()]))
+}
+
+fn environment(id: &str) -> LoadedEnvironment {
+    registry().environment(&Selection::new(id), "", &Setup::new(0, 1, host())).expect("an environment")
+}
+
+/// One allowed decision with 20 critics 400-300, and the valuation that it cannot do without.
+fn filter(criterion: &mut Criterion) {
+    let spaces = environment("mujoco/cliff-cheetah").spec().spaces;
+    let mut group = criterion.benchmark_group("20 critics 400-300");
+    for threads in [1, 2] {
+        let setup = Setup::with_spaces(0, threads, host(), spaces.clone());
+        let mut agent: LoadedLearner =
+            registry().learner(&Selection::new("ddpg"), "", &setup).expect("a learner");
+        let observation = vec![0.1; spaces.observation_len()];
+        let mut action = vec![0.2; spaces.action_len()];
+        let mut values = vec![0.0; agent.info().members];
+        group.bench_function(format!("bare valuation, threads {threads}"), |bencher| {
+            bencher.iter(|| agent.q_values(black_box(&observation), black_box(&action), &mut values));
+        });
+        let rule = registry()
+            .abort_rule(&Selection::new("ensemble-threshold"), "(q_min: -1e6)", &setup)
+            .expect("a rule");
+        let fallback_action = vec![0.0; spaces.action_len()];
+        let settings = ShieldSettings { spaces: spaces.clone(), warm_up_steps: 0, fallback_action };
+        let mut shield = Shield::new(vec![Box::new(rule)], &agent, settings).expect("a shield");
+        let moment = Moment { step: 0, observation: &observation, previous: None, forward_values: &[] };
+        group.bench_function(format!("allowed decision, threads {threads}"), |bencher| {
+            bencher.iter(|| {
+                assert!(shield.filter(&mut agent, black_box(&moment), &mut action).abort().is_none())
+            });
+        });
+    }
+    group.finish();
+}
+
+/// A control step through the plugin against the same substeps of MuJoCo alone.
+fn step(criterion: &mut Criterion) {
+    let mut group = criterion.benchmark_group("cliff-cheetah, 5 substeps");
+    let xml = workspace().join("envs/mujoco/src/cliff_cheetah.xml");
+    let model = MjModel::from_xml(xml).expect("a model");
+    let mut data = MjData::new(&model);
+    group.bench_function("raw mj_step", |bencher| {
+        bencher.iter(|| {
+            for _ in 0..5 {
+                data.step();
+            }
+        });
+    });
+    let mut cheetah = environment("mujoco/cliff-cheetah");
+    let mut observation = vec![0.0; cheetah.spec().spaces.observation_len()];
+    cheetah.reset(0, &mut observation).expect("a reset");
+    let action = vec![0.0; cheetah.spec().spaces.action_len()];
+    group.bench_function("through the plugin", |bencher| {
+        bencher.iter(|| cheetah.step(black_box(&action), &mut observation));
+    });
+    group.finish();
+
+    let mut grid = environment("gridworld");
+    let mut observation = vec![0.0; grid.spec().spaces.observation_len()];
+    grid.reset(0, &mut observation).expect("a reset");
+    let mut direction = 0_u8;
+    criterion.bench_function("gridworld, a step through the plugin", |bencher| {
+        bencher.iter(|| {
+            direction = (direction + 1) % 4;
+            grid.step(black_box(&[f32::from(direction)]), &mut observation)
+        });
+    });
+}
+
+criterion_group!(benches, filter, step);
+criterion_main!(benches);

@@ -1,0 +1,272 @@
+//! The command `shield` as a user meets it: what it writes, what it refuses, and with which exit code.
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+use std::{
+    fs,
+    path::Path,
+    process::{Output, Stdio},
+    time::{Duration, Instant},
+};
+
+use serde_json::Value;
+use shield_tests::{cart, gridworld, shield, workspace};
+use tempfile::TempDir;
+
+/// Runs `experiment` in a folder of its own.
+fn run(experiment: &str, arguments: &[&str]) -> (Output, TempDir) {
+    let folder = tempfile::tempdir().unwrap();
+    let output = run_in(folder.path(), experiment, arguments);
+    (output, folder)
+}
+
+fn run_in(folder: &Path, experiment: &str, arguments: &[&str]) -> Output {
+    fs::write(folder.join("x.ron"), experiment).unwrap();
+    shield().current_dir(folder).args(["run", "x.ron"]).args(arguments).output().unwrap()
+}
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+fn summary(run: &Path) -> Value {
+    serde_json::from_slice(&fs::read(run.join("summary.json")).unwrap()).unwrap()
+}
+
+/// The experiment is refused with exit code 2 and a message that contains `expected`; nothing is written.
+fn refused(experiment: &str, arguments: &[&str], expected: &[&str]) {
+    let (output, folder) = run(experiment, arguments);
+    let message = text(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{message}");
+    for part in expected {
+        assert!(message.contains(part), "{part:?} is missing in: {message}");
+    }
+    assert!(!folder.path().join("runs").exists(), "a refused start left a folder: {message}");
+}
+
+#[test]
+fn a_run_leaves_its_folder_and_a_table() {
+    let variants = r#"variants: {"a": [], "b": [("mode", StatusQuo)]},"#;
+    let (output, folder) = run(&gridworld(1_000, variants), &[]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let printed = text(&output.stdout);
+    for part in ["a ", "b ", "resets", "irreversible", "Runs are in runs/small"] {
+        assert!(printed.contains(part), "{part:?} is missing in: {printed}");
+    }
+    for (variant, seed) in [("a", 0), ("a", 1), ("b", 0), ("b", 1)] {
+        let run = folder.path().join(format!("runs/small/{variant}/seed-{seed}"));
+        let files = [
+            "config.ron",
+            "metrics.csv",
+            "interventions.csv",
+            "evaluations.csv",
+            "learning.csv",
+            "timings.csv",
+        ];
+        for file in files {
+            assert!(run.join(file).exists(), "{file} is missing");
+        }
+        let summary = summary(&run);
+        assert_eq!(
+            (&summary["steps"], &summary["variant"], &summary["seed"]),
+            (&1_000.into(), &variant.into(), &seed.into())
+        );
+        assert_eq!(summary["complete"], true);
+        let metrics = fs::read_to_string(run.join("metrics.csv")).unwrap();
+        let length: u64 =
+            metrics.lines().skip(1).map(|row| row.split(',').nth(3).unwrap().parse::<u64>().unwrap()).sum();
+        assert_eq!(length, 1_000, "the episodes add up to the steps");
+        let hard_resets = metrics.lines().skip(1).filter(|row| row.split(',').nth(9) == Some("1")).count();
+        assert_eq!(summary["hard_resets"], hard_resets);
+    }
+}
+
+#[test]
+fn the_resolved_configuration_runs_to_the_same_results() {
+    let (output, folder) = run(&gridworld(1_000, ""), &["--seeds", "1"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let first = folder.path().join("runs/small/default/seed-1");
+    let resolved = fs::read_to_string(first.join("config.ron")).unwrap();
+    assert!(resolved.contains("initial_high: 1.0"), "a plugin's defaults are written out: {resolved}");
+    let output = run_in(folder.path(), &resolved, &["--out", "again"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let second = folder.path().join("again/small/default/seed-1");
+    for file in ["metrics.csv", "interventions.csv", "evaluations.csv", "learning.csv", "config.ron"] {
+        assert_eq!(fs::read(first.join(file)).unwrap(), fs::read(second.join(file)).unwrap(), "{file}");
+    }
+}
+
+#[test]
+fn arguments_override_the_experiment() {
+    let variants = r#"variants: {"a": [], "b": []},"#;
+    let arguments = [
+        "--steps",
+        "300",
+        "--seeds",
+        "7",
+        "--variants",
+        "b",
+        "--set",
+        "shield.rules[0].config.q_min=0.0",
+        "--jobs",
+        "1",
+    ];
+    let (output, folder) = run(&gridworld(1_000, variants), &arguments);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(!folder.path().join("runs/small/a").exists());
+    let summary = summary(&folder.path().join("runs/small/b/seed-7"));
+    assert_eq!((&summary["steps"], &summary["early_aborts"]), (&300.into(), &0.into()));
+}
+
+#[test]
+fn wrong_input_is_refused_with_its_place() {
+    let good = gridworld(100, "");
+    refused(
+        &good.replace("warm_up_steps", "warm_up_step"),
+        &[],
+        &["x.ron:10:", "warm_up_step", "warm_up_steps"],
+    );
+    refused(&good.replace("combine: Optimistic", "combne: Optimistic"), &[], &["x.ron:9:", "combne"]);
+    refused(&good.replace("q_min: 0.4", "q_min: \"high\""), &[], &["x.ron:9:"]);
+    refused(&good.replace("\"tabular-q\"", "\"tabular\""), &[], &["x.ron:6:", "tabular-q"]);
+    refused(
+        &good.replace("reset: (plugin: \"tabular-q\")", "reset: (plugin: \"gridworld\")"),
+        &[],
+        &["x.ron:7:", "environment"],
+    );
+    refused(&good.replace("steps: 100", "steps: 0"), &[], &["x.ron:3:", "at least one step"]);
+    refused(
+        &good.replace("evaluation: Some(", "evaluation: Some(start: Some(\"roof\"), "),
+        &[],
+        &["x.ron:13:", "roof"],
+    );
+    refused(&good, &["--set", "shield.warm_up_step=3"], &["--set shield.warm_up_step=3"]);
+    refused(&good, &["--variants", "q"], &["default"]);
+    refused("Experiment(", &[], &["x.ron:1:"]);
+    let override_of_b = r#"variants: {"a": [], "b": [("shield.rules[0].config.q_min", "x")]},"#;
+    refused(&gridworld(100, override_of_b), &[], &["x.ron:14:", "b"]);
+}
+
+#[test]
+fn a_missing_file_and_a_missing_argument_are_input_errors() {
+    let output = shield().args(["run", "/nonexistent/x.ron"]).output().unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    assert!(text(&output.stderr).contains("/nonexistent/x.ron"));
+    assert_eq!(shield().arg("run").output().unwrap().status.code(), Some(2));
+    assert_eq!(shield().arg("walk").output().unwrap().status.code(), Some(2));
+}
+
+#[test]
+fn an_earlier_run_is_overwritten_only_when_told_to() {
+    let (output, folder) = run(&gridworld(200, ""), &["--seeds", "0"]);
+    assert!(output.status.success());
+    let metrics = folder.path().join("runs/small/default/seed-0/metrics.csv");
+    fs::write(&metrics, "precious").unwrap();
+    let output = run_in(folder.path(), &gridworld(200, ""), &["--seeds", "1,0"]);
+    assert_eq!(output.status.code(), Some(2));
+    assert!(text(&output.stderr).contains("--overwrite"), "{}", text(&output.stderr));
+    assert_eq!(fs::read_to_string(&metrics).unwrap(), "precious");
+    assert!(!folder.path().join("runs/small/default/seed-1").exists());
+    let output = run_in(folder.path(), &gridworld(200, ""), &["--seeds", "0", "--overwrite"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert_ne!(fs::read_to_string(&metrics).unwrap(), "precious");
+}
+
+#[test]
+fn a_folder_that_cannot_be_written_fails_the_run() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("runs"), "a file, not a folder").unwrap();
+    let output = run_in(folder.path(), &gridworld(200, ""), &[]);
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
+    assert!(text(&output.stderr).contains("runs/small/default/seed-0"), "{}", text(&output.stderr));
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn a_full_disk_fails_the_run_and_not_silently() {
+    use std::os::unix::process::CommandExt;
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("x.ron"), gridworld(50_000, "")).unwrap();
+    let mut command = shield();
+    command.current_dir(folder.path()).args(["run", "x.ron", "--seeds", "0"]);
+    // SAFETY: the two calls are safe between fork and exec. A limit on the size of files stands for the full disk.
+    unsafe {
+        command.pre_exec(|| {
+            let limit = libc::rlimit { rlim_cur: 20_000, rlim_max: 20_000 };
+            libc::setrlimit(libc::RLIMIT_FSIZE, &limit);
+            libc::signal(libc::SIGXFSZ, libc::SIG_IGN);
+            Ok(())
+        });
+    }
+    let output = command.output().unwrap();
+    assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
+    assert!(text(&output.stderr).contains("seed-0"), "{}", text(&output.stderr));
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn ctrl_c_finishes_the_row_and_writes_the_summary() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("x.ron"), cart(100_000_000, "")).unwrap();
+    let mut child = shield()
+        .current_dir(folder.path())
+        .args(["run", "x.ron"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let metrics = folder.path().join("runs/cart/default/seed-0/metrics.csv");
+    let start = Instant::now();
+    while fs::metadata(&metrics).map_or(0, |data| data.len()) < 500 {
+        assert!(start.elapsed() < Duration::from_secs(60), "no row was written");
+        std::thread::sleep(Duration::from_millis(50));
+    }
+    // SAFETY: a signal to our own child.
+    unsafe { libc::kill(i32::try_from(child.id()).unwrap(), libc::SIGINT) };
+    let status = child.wait().unwrap();
+    assert_eq!(status.code(), Some(130));
+    let summary = summary(metrics.parent().unwrap());
+    assert_eq!(summary["complete"], false);
+    let rows = fs::read_to_string(&metrics).unwrap();
+    let last = rows.lines().last().unwrap();
+    assert!(rows.ends_with('\n') && last.contains("interrupted"), "{last}");
+    assert_eq!(last.split(',').next().unwrap(), summary["steps"].to_string());
+}
+
+#[test]
+fn plugins_are_listed_without_loading_them() {
+    let output = shield().args(["plugin", "list"]).output().unwrap();
+    assert!(output.status.success());
+    let printed = text(&output.stdout);
+    for part in
+        ["ddpg", "gridworld", "mujoco/cliff-cart", "mujoco/cliff-cheetah", "near-start", "ensemble-threshold"]
+    {
+        assert!(printed.contains(part), "{part} is missing in: {printed}");
+    }
+}
+
+#[test]
+fn help_teaches() {
+    for (arguments, expected) in [(&["--help"][..], "Examples:"), (&["run", "--help"], "--overwrite")] {
+        let output = shield().args(arguments).output().unwrap();
+        assert!(output.status.success() && text(&output.stdout).contains(expected));
+    }
+}
+
+#[test]
+fn every_example_starts() {
+    for entry in fs::read_dir(workspace().join("examples")).unwrap() {
+        let path = entry.unwrap().path();
+        if path.extension().is_none_or(|extension| extension != "ron") {
+            continue;
+        }
+        let folder = tempfile::tempdir().unwrap();
+        let mut command = shield();
+        command
+            .arg("run")
+            .arg(&path)
+            .args(["--steps", "60", "--set", "evaluation.episodes=1", "--out"])
+            .arg(folder.path());
+        let output = command.output().unwrap();
+        assert!(output.status.success(), "{}: {}", path.display(), text(&output.stderr));
+    }
+}

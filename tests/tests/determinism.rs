@@ -1,0 +1,61 @@
+//! The same seed gives the same run, byte for byte, whatever the number of threads and of runs at the same time.
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+use std::{collections::BTreeMap, fs, path::Path};
+
+use shield_tests::{cart, gridworld, shield};
+
+/// Every file of a run, the wall-clock figures apart.
+fn files(run: &Path) -> BTreeMap<String, Vec<u8>> {
+    let mut files = BTreeMap::new();
+    for entry in fs::read_dir(run).unwrap() {
+        let path = entry.unwrap().path();
+        let name = path.file_name().unwrap().to_string_lossy().into_owned();
+        let bytes = fs::read(&path).unwrap();
+        match name.as_str() {
+            "timings.csv" => {}
+            "summary.json" => {
+                let mut summary: serde_json::Map<String, serde_json::Value> =
+                    serde_json::from_slice(&bytes).unwrap();
+                for key in ["wall_seconds", "steps_per_second", "decision_us_p50", "decision_us_p99"] {
+                    assert!(summary.remove(key).is_some(), "{key} is missing");
+                }
+                files.insert(name, serde_json::to_vec(&summary).unwrap());
+            }
+            _ => drop(files.insert(name, bytes)),
+        }
+    }
+    files
+}
+
+fn run(experiment: &str, arguments: &[&str], seed: u64) -> BTreeMap<String, Vec<u8>> {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("x.ron");
+    fs::write(&path, experiment).unwrap();
+    let output = shield().current_dir(folder.path()).args(["run", "x.ron"]).args(arguments).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let name = if experiment.contains("\"cart\"") { "cart" } else { "small" };
+    files(&folder.path().join(format!("runs/{name}/default/seed-{seed}")))
+}
+
+#[test]
+fn a_run_with_networks_does_not_depend_on_threads() {
+    let one = run(&cart(1_500, "threads: 1"), &[], 0);
+    let two = run(&cart(1_500, "threads: 2"), &[], 0);
+    assert!(one.len() >= 5 && one["metrics.csv"].len() > 500);
+    for (name, bytes) in &one {
+        if name == "config.ron" {
+            continue;
+        }
+        assert_eq!(String::from_utf8_lossy(bytes), String::from_utf8_lossy(&two[name]), "{name}");
+    }
+    let other_seed = run(&cart(1_500, "").replace("seeds: [0]", "seeds: [1]"), &[], 1);
+    assert_ne!(one["metrics.csv"], other_seed["metrics.csv"], "the seed changes nothing");
+}
+
+#[test]
+fn runs_at_the_same_time_do_not_disturb_each_other() {
+    let alone = run(&gridworld(3_000, ""), &["--seeds", "1", "--jobs", "1"], 1);
+    let together = run(&gridworld(3_000, ""), &["--seeds", "0,1,2,3", "--jobs", "4"], 1);
+    assert_eq!(alone, together);
+}

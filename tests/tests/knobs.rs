@@ -1,0 +1,95 @@
+//! No dead knobs: every field of an experiment changes what a run writes.
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+use std::{collections::BTreeMap, fs};
+
+use shield_tests::{cart, gridworld, shield};
+
+/// What a run writes, the configuration and the wall-clock figures apart.
+fn results(experiment: &str, set: Option<&str>) -> BTreeMap<String, String> {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("x.ron"), experiment).unwrap();
+    let mut command = shield();
+    command.current_dir(folder.path()).args(["run", "x.ron", "--seeds", "0"]);
+    if let Some(set) = set {
+        command.args(["--set", set]);
+    }
+    let output = command.output().unwrap();
+    assert!(output.status.success(), "{set:?}: {}", String::from_utf8_lossy(&output.stderr));
+    let name = if experiment.contains("\"cart\"") { "cart" } else { "small" };
+    let run = folder.path().join(format!("runs/{name}/default/seed-0"));
+    let mut results = BTreeMap::new();
+    for file in ["metrics.csv", "interventions.csv", "evaluations.csv", "learning.csv"] {
+        results.insert(file.to_string(), fs::read_to_string(run.join(file)).unwrap());
+    }
+    let summary = fs::read_to_string(run.join("summary.json")).unwrap();
+    let timeless = summary.lines().take_while(|line| !line.contains("\"wall_seconds\""));
+    results.insert("summary.json".into(), timeless.collect::<Vec<_>>().join("\n"));
+    results
+}
+
+fn all_change(experiment: &str, sets: &[&str]) {
+    let usual = results(experiment, None);
+    assert!(usual == results(experiment, None), "two runs of one experiment differ");
+    for set in sets {
+        assert!(usual != results(experiment, Some(set)), "{set} changes nothing");
+    }
+}
+
+#[test]
+fn every_field_of_an_experiment_changes_a_run_in_the_gridworld() {
+    let fields = [
+        "steps=2400",
+        "mode=StatusQuo",
+        "mode=ForwardOnly",
+        "mode=ResetOnly()",
+        "environment.config.horizon=Some(9)",
+        "environment.config.map=\"two-goals\"",
+        "shield.rules[0].config.q_min=0.6",
+        "shield.rules[0].config.combine=Pessimistic",
+        "shield.reset_attempts=2",
+        "shield.reset_attempts=Unlimited",
+        "shield.reset_test=FinalState",
+        "shield.stop_on_reset=false",
+        "shield.warm_up_steps=1000",
+        "shield.shield_exploration=true",
+        "experience.capacity=100",
+        "experience.batch=8",
+        "experience.updates_per_step=2",
+        "experience.updates=Active",
+        "experience.bootstrap_probability=0.5",
+        "experience.on_reset_success=Bootstrap",
+        "experience.on_reset_failure=Bootstrap",
+        "evaluation.every=300",
+        "evaluation.episodes=2",
+        "evaluation.agent=Reset",
+        "hard_reset_cost=2.5",
+        "reset_task=Some(plugin: \"near-start\", config: (radius: 0.1))",
+    ];
+    // A reset test by the final state differs from one by any visited state only where the episode goes on.
+    let experiment =
+        gridworld(2_500, "").replace("warm_up_steps: 0,", "warm_up_steps: 0, stop_on_reset: true,");
+    all_change(
+        &experiment,
+        &fields.iter().copied().filter(|field| !field.contains("FinalState")).collect::<Vec<_>>(),
+    );
+    all_change(
+        &experiment.replace("stop_on_reset: true", "stop_on_reset: false"),
+        &["shield.reset_test=FinalState"],
+    );
+    let patient = experiment.replace("stop_on_reset: true", "reset_attempts: 3");
+    all_change(&patient, &["shield.between_attempts=Reset"]);
+}
+
+#[test]
+fn a_named_start_and_a_shielded_evaluation_change_a_run_of_the_cart() {
+    // A threshold that rejects greedy actions too, else a shielded evaluation has nothing to do.
+    all_change(&cart(600, "").replace("q_min: 1.0", "q_min: 1e6"), &["evaluation.shielded=true"]);
+    all_change(&cart(600, ""), &["evaluation.start=Some(\"goal\")", "mode=ResetOnly(start: Some(\"goal\"))"]);
+}
+
+#[test]
+fn the_number_of_threads_changes_nothing() {
+    let experiment = gridworld(1_000, "");
+    assert!(results(&experiment, None) == results(&experiment, Some("threads=2")));
+}

@@ -1,0 +1,13 @@
+//! The loader against real libraries: good ones, wrong ones, and ones that misbehave when they run.
+//!
+//! The Rust libraries lie in `tests/fixtures`, a workspace of its own that is built here into one shared target folder; the C
+//! libraries come from one source, in which a macro chooses what is wrong.
+#![allow(clippy::unwrap_used)] // Helpers of tests are tests too.
+
+mod allocations;
+mod c;
+mod doors;
+mod fixtures;
+mod instances;
+mod misbehaving;
+mod scanning;
