@@ -1,7 +1,7 @@
 //! What a projection costs beyond the valuations and gradients: decisions of a shield whose ensemble is free.
-#![allow(missing_docs, clippy::unwrap_used, reason = "a benchmark")]
+#![allow(missing_docs, clippy::unwrap_used, clippy::print_stdout, reason = "a benchmark")]
 
-use std::hint::black_box;
+use std::{cell::Cell, hint::black_box, time::Instant};
 
 use criterion::{BatchSize, Criterion, criterion_group, criterion_main};
 use rand::{RngExt, SeedableRng};
@@ -83,10 +83,59 @@ impl AbortRule for Pessimistic {
     }
 }
 
-fn shield(agent: &Linear, projection: Option<ProjectionConfig>) -> Shield {
+/// Allows only the third projected action, whatever its value: three linearisations a decision.
+struct Hesitant(Cell<u32>);
+
+impl Checkpoint for Hesitant {}
+
+impl AbortRule for Hesitant {
+    fn needs(&self) -> Needs {
+        Needs { values: true, ..Needs::default() }
+    }
+
+    fn evaluate(&self, _: &RuleContext<'_>, _: &mut Reason<'_>) -> Result<RuleVerdict> {
+        self.0.set(self.0.get() + 1);
+        Ok(RuleVerdict::from_safe(self.0.get().is_multiple_of(4), 0.0))
+    }
+
+    fn linearise(&self, context: &RuleContext<'_>, gradients: &[f32], rows: &mut dyn Rows) -> Result<()> {
+        Pessimistic.linearise(context, gradients, rows)
+    }
+}
+
+/// Percentiles, which criterion does not give: 20 rows, three linearisations, another problem each time.
+fn percentiles(_: &mut Criterion) {
+    let mut random = Pcg64::seed_from_u64(7);
+    let mut times = Vec::new();
+    let (first, _) = members(20, &mut random);
+    let mut shield = shield_over(
+        Box::new(Hesitant(Cell::new(0))),
+        &first,
+        Some(ProjectionConfig::Qp(QpConfig::default())),
+    );
+    let moment = Moment { step: 0, observation: &[0.0], previous: None, forward_values: &[] };
+    for _ in 0..20_000 {
+        let (mut agent, mut action) = members(20, &mut random);
+        let start = Instant::now();
+        let decision = black_box(shield.filter(&mut agent, &moment, &mut action));
+        if decision.projection().is_some_and(|projection| projection.iterations == 3) {
+            times.push(start.elapsed());
+        }
+    }
+    times.sort_unstable();
+    let at = |share: f64| times[(times.len() as f64 * share) as usize];
+    println!(
+        "projected, 20 rows, 3 linearisations: {} times, p50 {:?}, p99 {:?}",
+        times.len(),
+        at(0.5),
+        at(0.99)
+    );
+}
+
+fn shield_over(rule: Box<dyn AbortRule>, agent: &Linear, projection: Option<ProjectionConfig>) -> Shield {
     let spaces = Spaces { observation: Space::unbounded(1), action: Space::uniform(WIDTH, -1.0, 1.0) };
     let settings = ShieldSettings { spaces, warm_up_steps: 0, fallback_action: vec![0.0; WIDTH] };
-    let shield = Shield::new(vec![Box::new(Pessimistic)], agent, settings).unwrap();
+    let shield = Shield::new(vec![rule], agent, settings).unwrap();
     projection.into_iter().fold(shield, |shield, config| shield.with_projection(config).unwrap())
 }
 
@@ -102,8 +151,9 @@ fn decisions(criterion: &mut Criterion) {
     for count in [1, 20] {
         let mut random = Pcg64::seed_from_u64(count);
         let (mut agent, proposed) = members(count as usize, &mut random);
-        let mut projecting = shield(&agent, Some(ProjectionConfig::Qp(QpConfig::default())));
-        let mut plain = shield(&agent, None);
+        let mut projecting =
+            shield_over(Box::new(Pessimistic), &agent, Some(ProjectionConfig::Qp(QpConfig::default())));
+        let mut plain = shield_over(Box::new(Pessimistic), &agent, None);
         let moment = Moment { step: 0, observation: &[0.0], previous: None, forward_values: &[] };
         let mut time = |name: &str, shield: &mut Shield, action: &[f32]| {
             criterion.bench_function(&format!("{name}, {count} rows"), |bencher| {
@@ -148,5 +198,5 @@ fn solvers(criterion: &mut Criterion) {
     }
 }
 
-criterion_group!(benches, decisions, solvers);
+criterion_group!(benches, percentiles, decisions, solvers);
 criterion_main!(benches);
