@@ -218,5 +218,13 @@ fn the_plugins_of_this_repository_are_found_and_work() {
     assert_eq!(signal, ResetSignal { reward: 1.0, in_reset_set: true });
     let entry = registry.find("ensemble-threshold", Kind::AbortRule).unwrap();
     let fields: Vec<&str> = entry.manifest.fields.iter().map(|field| field.default.as_str()).collect();
-    assert_eq!(fields, ["10.0", "Pessimistic"]);
+    assert_eq!(fields, ["10.0", "Pessimistic", "false", "Constant", "None", "0"]);
+    for (id, config) in [
+        ("uncertainty", ""),
+        ("advantage", "(combine: KOfN(2))"),
+        ("linear-constraints", "(max_change: Some([0.5]))"),
+        ("deadline-latch", ""),
+    ] {
+        registry.abort_rule(&Selection::new(id), config, &setup()).unwrap_or_else(|error| panic!("{error}"));
+    }
 }
