@@ -221,7 +221,7 @@ fn a_solution_of_twelve_dimensions_and_forty_rows_breaks_a_row_or_is_not_the_nea
     println!("{tally:?}");
     // Enough of each kind that the test says something; and hardly a solution is missed.
     let Tally { solved, infeasible, not_converged, compared, missed, nearer } = tally;
-    assert!(nearer * 10_000 <= compared, "{tally:?}");
+    assert!(nearer * 5_000 <= compared, "{tally:?}");
     assert!(compared > programs() / 10 && infeasible > programs() / 10, "{tally:?}");
     assert!(missed * 500 <= solved && not_converged * 40 <= solved + infeasible, "{tally:?}");
 }
@@ -236,7 +236,7 @@ fn a_solution_in_the_plane_is_not_that_of_brute_force() {
         compare(&mut tally, case, &program, &solve(&mut solver, &program), brute_force(&program));
     }
     assert!(tally.compared > programs() / 4 && tally.infeasible > programs() / 20, "{tally:?}");
-    assert!(tally.missed * 500 <= tally.solved && tally.nearer * 10_000 <= tally.compared, "{tally:?}");
+    assert!(tally.missed * 500 <= tally.solved && tally.nearer * 5_000 <= tally.compared, "{tally:?}");
 }
 
 #[test]
