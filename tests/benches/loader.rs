@@ -18,7 +18,10 @@ fn scanning(criterion: &mut Criterion) {
     let folder = tempfile::tempdir().expect("a temporary folder");
     for index in 0..20 {
         let copy = folder.path().join(format!("{index}.so"));
-        fs::copy(optimised_fixture("every-kind"), copy).expect("a copy");
+        // Of different lengths, else the registry would take them for copies of one library.
+        let mut library = fs::read(optimised_fixture("every-kind")).expect("a library");
+        library.extend(vec![0; index]);
+        fs::write(copy, library).expect("a copy");
     }
     let search_path = SearchPath::new([folder.path()]);
     criterion.bench_function("scan of 20 libraries", |bencher| bencher.iter(|| Registry::scan(&search_path)));

@@ -104,6 +104,10 @@ impl Registry {
             Ok(manifests) => manifests,
             Err(reason) => return self.skipped.push(skipped(Vec::new(), reason)),
         };
+        let is_known = |entry: &Entry| manifests.iter().any(|manifest| manifest.id == entry.manifest.id);
+        if self.entries.iter().any(|entry| is_known(entry) && is_same_content(&entry.path, path)) {
+            return;
+        }
         if let Err(reason) = check_manifests(path, &manifests) {
             let ids = manifests.into_iter().map(|manifest| manifest.id).collect();
             return self.skipped.push(skipped(ids, reason));
@@ -267,6 +271,14 @@ impl Registry {
         libraries.insert(path, library.clone());
         Ok(library)
     }
+}
+
+/// Whether two paths hold the same library: a link, or a copy to the byte. Cargo leaves both kinds beside each other.
+fn is_same_content(left: &Path, right: &Path) -> bool {
+    let length = |path| fs::metadata(path).map(|data| data.len()).ok();
+    same_file::is_same_file(left, right).unwrap_or(false)
+        || length(left) == length(right)
+            && matches!((fs::read(left), fs::read(right)), (Ok(left), Ok(right)) if left == right)
 }
 
 /// The libraries directly in a folder, as canonical paths in the order of their names.
