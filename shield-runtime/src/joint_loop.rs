@@ -225,33 +225,24 @@ impl<'a> JointLoop<'a> {
         let decision = shield.filter(reset.learner(), &moment, &mut self.action);
         self.observer.on_decision_time(start.elapsed());
         self.counters.warm_up_decisions += u64::from(decision == Decision::WarmUp);
-        if let Some(projection) = decision.projection() {
-            self.counters.projections += 1;
-            self.observer.on_intervention(&Intervention {
-                step: self.counters.steps,
-                role: AgentRole::Forward,
-                proposed: &self.proposed,
-                executed: Some(&self.action),
-                abort: projection.rejection,
-                projection: Some(projection),
-                reason: shield.reason(),
-            })?;
-        }
-        let Some(mut abort) = decision.abort() else { return Ok(None) };
+        let projection = decision.projection();
+        let rejection = decision.abort().or(projection.map(|projection| projection.rejection));
+        let Some(mut rejection) = rejection else { return Ok(None) };
         let failure = failure.as_ref().map(Error::message);
         if failure.is_some() {
-            abort.cause = Cause::ForwardFailed;
+            rejection.cause = Cause::ForwardFailed;
         }
+        self.counters.projections += u64::from(projection.is_some());
         self.observer.on_intervention(&Intervention {
             step: self.counters.steps,
             role: AgentRole::Forward,
             proposed: &self.proposed,
-            executed: None,
-            abort,
-            projection: None,
+            executed: projection.map(|_| self.action.as_slice()),
+            abort: rejection,
+            projection,
             reason: failure.unwrap_or(shield.reason()),
         })?;
-        Ok(Some(abort))
+        Ok(projection.is_none().then_some(rejection))
     }
 
     /// Lets the reset agent act; where its exploration is shielded, a rejected action gives way to its greedy one.

@@ -173,6 +173,8 @@ struct Tally {
     infeasible: u64,
     not_converged: u64,
     compared: u64,
+    /// Nearer than the oracle's, which the tolerance of the rows allows.
+    nearer: u64,
     /// Called infeasible or given up, although the oracle has a solution.
     missed: u64,
 }
@@ -200,8 +202,10 @@ fn compare(
     if let Some(nearest) = oracle {
         tally.compared += 1;
         let (distance, expected) = (norm(y), norm(&nearest));
-        let error = (distance - expected).abs() / expected.max(1.0);
+        let error = (distance - expected) / expected.max(1.0);
         assert!(error < 1e-5, "program {case}: distance {distance}, not {expected}: {program:?}");
+        // Between rows that are almost parallel, what a row may be exceeded by is a long way.
+        tally.nearer += u64::from(error < -1e-5);
     }
 }
 
@@ -214,8 +218,10 @@ fn a_solution_of_twelve_dimensions_and_forty_rows_breaks_a_row_or_is_not_the_nea
         let program = Owned::random(&mut random, 1..=12, 40);
         compare(&mut tally, case, &program, &solve(&mut solver, &program), least_distance(&program));
     }
+    println!("{tally:?}");
     // Enough of each kind that the test says something; and hardly a solution is missed.
-    let Tally { solved, infeasible, not_converged, compared, missed } = tally;
+    let Tally { solved, infeasible, not_converged, compared, missed, nearer } = tally;
+    assert!(nearer * 5_000 <= compared, "{tally:?}");
     assert!(compared > programs() / 10 && infeasible > programs() / 10, "{tally:?}");
     assert!(missed * 500 <= solved && not_converged * 40 <= solved + infeasible, "{tally:?}");
 }
@@ -230,7 +236,7 @@ fn a_solution_in_the_plane_is_not_that_of_brute_force() {
         compare(&mut tally, case, &program, &solve(&mut solver, &program), brute_force(&program));
     }
     assert!(tally.compared > programs() / 4 && tally.infeasible > programs() / 20, "{tally:?}");
-    assert!(tally.missed * 500 <= tally.solved, "{tally:?}");
+    assert!(tally.missed * 500 <= tally.solved && tally.nearer * 5_000 <= tally.compared, "{tally:?}");
 }
 
 #[test]

@@ -89,6 +89,22 @@ fn a_named_start_and_a_shielded_evaluation_change_a_run_of_the_cart() {
 }
 
 #[test]
+fn every_field_of_the_decision_ladder_changes_a_run_of_the_cart() {
+    // Half of the actions of an untrained agent push too far to the right for this rule.
+    let rule = r#"(plugin: "linear-constraints", config: (constraints: [(a: [1.0], b: 0.1)]))"#;
+    let ensemble = r#"(plugin: "ensemble-threshold", config: (q_min: 1.0, combine: Realist))"#;
+    let experiment = cart(600, "").replace(ensemble, rule);
+    let ladder = ["shield.projection=Qp()", "shield.projection=Replace", "shield.deadline_us=1000000"];
+    all_change(&experiment, &ladder);
+    let fields = [
+        "shield.projection=Qp(margin: 0.05)",
+        "shield.projection=Qp(trust_region: 0.2)",
+        "shield.projection=Qp(weights: [4.0])",
+    ];
+    all_change(&experiment.replace("warm_up_steps", "projection: Qp(), warm_up_steps"), &fields);
+}
+
+#[test]
 fn the_number_of_threads_changes_nothing() {
     let experiment = gridworld(1_000, "");
     assert!(results(&experiment, None) == results(&experiment, Some("threads=2")));

@@ -216,6 +216,14 @@ fn the_plugins_of_this_repository_are_found_and_work() {
         registry.reset_task(&Selection::new("near-start"), "(target: Some([1.0, 0.0]))", &setup()).unwrap();
     let signal = task.evaluate(&[0.0, 0.0], &[0.0], &[1.0, 0.0]).unwrap();
     assert_eq!(signal, ResetSignal { reward: 1.0, in_reset_set: true });
+    for (id, config) in [
+        ("uncertainty", ""),
+        ("advantage", "(combine: KOfN(2))"),
+        ("linear-constraints", "(max_change: Some([0.5]))"),
+        ("deadline-latch", ""),
+    ] {
+        registry.abort_rule(&Selection::new(id), config, &setup()).unwrap_or_else(|error| panic!("{error}"));
+    }
 }
 
 /// The manifest's defaults are text; `config.ron` is written from them.
