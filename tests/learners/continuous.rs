@@ -4,7 +4,64 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use shield_api::{ActMode, Batch, Host, PluginConfig, Setup, Space, Spaces};
 
-use super::conformance::{Subject, act, config, learner, train};
+use super::conformance::{Settings, Subject, act, config, learner, train};
+
+/// The settings that these learners have in common, as [`Subject::small`] wants them.
+pub fn small() -> Settings {
+    vec![
+        ("critics", "3"),
+        ("actor_hidden", "[20, 15]"),
+        ("critic_hidden", "[20, 15]"),
+        ("random_steps", "1"),
+        ("final_sigma", "Some(0.02)"),
+        ("sigma_steps", "7"),
+    ]
+}
+
+/// The same for [`Subject::changes`].
+pub fn changes(own: &[(&'static str, &'static str)]) -> Settings {
+    let mut changes = vec![
+        ("critics", "4"),
+        ("actor_hidden", "[20, 16]"),
+        ("critic_hidden", "[20]"),
+        ("activation", "Relu"),
+        ("actor_rate", "2e-3"),
+        ("critic_rate", "3e-3"),
+        ("discount", "0.9"),
+        ("tau", "0.5"),
+        ("noise", "OrnsteinUhlenbeck(theta: 0.5)"),
+        ("sigma", "0.3"),
+        ("final_sigma", "Some(0.05)"),
+        ("sigma_steps", "5"),
+        ("random_steps", "2"),
+        ("initial_value", "Some(4.0)"),
+        ("gradient_clip", "Some(1e-8)"),
+        ("normalise_observations", "true"),
+    ];
+    changes.extend(own);
+    changes
+}
+
+/// The same for [`Subject::impossible`].
+pub fn impossible(own: &[(&'static str, &'static str)]) -> Settings {
+    let mut impossible = vec![
+        ("critics", "0"),
+        ("actor_hidden", "[]"),
+        ("critic_hidden", "[5, 0]"),
+        ("actor_rate", "0.0"),
+        ("critic_rate", "NaN"),
+        ("discount", "1.5"),
+        ("tau", "0.0"),
+        ("tau", "1.5"),
+        ("sigma", "-1.0"),
+        ("final_sigma", "Some(NaN)"),
+        ("noise", "OrnsteinUhlenbeck(theta: 2.0)"),
+        ("initial_value", "Some(inf)"),
+        ("gradient_clip", "Some(0.0)"),
+    ];
+    impossible.extend(own);
+    impossible
+}
 
 /// Observations without bounds; a box of actions that is neither symmetric nor square.
 pub fn spaces() -> Spaces {

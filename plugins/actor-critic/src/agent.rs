@@ -6,7 +6,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     ActionScale, Activation, Adam, Architecture, CriticStep, Ensemble, EnsembleState, Error, Noise,
-    NoiseProcess, Normaliser, Schedule, check_finite_output, read_state, write_state,
+    NoiseProcess, Normaliser, Schedule, check_finite_output,
+    checks::{check_argument, check_length},
+    read_state, write_state,
 };
 
 /// How an [`Agent`] is made.
@@ -159,8 +161,10 @@ impl Agent {
     /// Writes the policy's action in its box; exploring, a uniform or a disturbed one. Otherwise no random number is drawn.
     ///
     /// # Errors
-    /// [`Error::OutputNotFinite`].
+    /// A wrong length or a value that is not finite; [`Error::OutputNotFinite`].
     pub fn act(&mut self, observation: &[f32], explores: bool, action: &mut [f32]) -> Result<(), Error> {
+        check_argument("observation", observation, self.observation_len())?;
+        check_length("action", action, self.action_len())?;
         let unit = &mut self.buffers.action;
         unit.resize(action.len(), 0.0);
         if explores && self.noise.step() < self.random_steps {
@@ -184,7 +188,7 @@ impl Agent {
     /// (`members × action_len`), which is that of the network whose value is smallest.
     ///
     /// # Errors
-    /// [`Error::OutputNotFinite`].
+    /// A wrong length or a value that is not finite; [`Error::OutputNotFinite`].
     pub fn value(
         &mut self,
         observation: &[f32],
@@ -192,7 +196,13 @@ impl Agent {
         values: &mut [f32],
         gradients: Option<&mut [f32]>,
     ) -> Result<(), Error> {
+        check_argument("observation", observation, self.observation_len())?;
+        check_argument("action", action, self.action_len())?;
+        check_length("values", values, self.valuations.len())?;
         let with_gradients = gradients.is_some();
+        if let Some(gradients) = &gradients {
+            check_length("gradients", gradients, self.valuations.len() * self.action_len())?;
+        }
         let (buffers, scale) = (&mut self.buffers, &self.scale);
         Normaliser::take_rows(self.normaliser.as_ref(), observation, &mut buffers.observation);
         buffers.action.resize(action.len(), 0.0);

@@ -47,11 +47,30 @@ pub fn check_share(name: &'static str, value: impl Into<f64>) -> Result<(), Erro
     check((0.0..=1.0).contains(&value), name, value, "in [0, 1]")
 }
 
-/// Refuses values outside [0, 1]: continuations and masks.
+/// Refuses an argument of the wrong length or with a value that is not finite.
+pub(crate) fn check_argument(what: &'static str, values: &[f32], expected: usize) -> Result<(), Error> {
+    check_length(what, values, expected)?;
+    match not_finite(values) {
+        None => Ok(()),
+        Some(index) => Err(Error::ArgumentNotFinite { what, index, value: values[index] }),
+    }
+}
+
+/// Refuses an argument of the wrong length.
+pub(crate) fn check_length(what: &'static str, values: &[f32], expected: usize) -> Result<(), Error> {
+    if values.len() == expected { Ok(()) } else { Err(Error::Length { what, found: values.len(), expected }) }
+}
+
+fn not_finite(values: &[f32]) -> Option<usize> {
+    values.iter().position(|value| !value.is_finite())
+}
+
+/// Refuses an argument of the wrong length or with a value outside [0, 1]: continuations and masks.
 ///
 /// # Errors
-/// [`Error::OutsideUnit`] for the first of them.
-pub fn check_unit(what: &'static str, values: &[f32]) -> Result<(), Error> {
+/// [`Error::Length`], or [`Error::OutsideUnit`] for the first such value.
+pub fn check_unit(what: &'static str, values: &[f32], expected: usize) -> Result<(), Error> {
+    check_length(what, values, expected)?;
     match values.iter().position(|value| !(0.0..=1.0).contains(value)) {
         None => Ok(()),
         Some(index) => Err(Error::OutsideUnit { what, index, value: values[index] }),
@@ -63,7 +82,7 @@ pub fn check_unit(what: &'static str, values: &[f32]) -> Result<(), Error> {
 /// # Errors
 /// [`Error::OutputNotFinite`] for the first such value.
 pub fn check_finite_output(what: &'static str, values: &[f32]) -> Result<(), Error> {
-    match values.iter().position(|value| !value.is_finite()) {
+    match not_finite(values) {
         None => Ok(()),
         Some(index) => Err(Error::OutputNotFinite { what, index, value: values[index] }),
     }

@@ -74,6 +74,34 @@ pub enum Error {
         /// What it may be.
         allowed: &'static str,
     },
+    /// An argument has the wrong length.
+    #[error("{what} has {found} values, expected {expected}")]
+    Length {
+        /// Which argument.
+        what: &'static str,
+        /// Its length.
+        found: usize,
+        /// The length that it must have.
+        expected: usize,
+    },
+    /// A value of an argument is NaN or infinite.
+    #[error("{what}[{index}] is {value}")]
+    ArgumentNotFinite {
+        /// Which argument.
+        what: &'static str,
+        /// The first such value's place.
+        index: usize,
+        /// The value.
+        value: f32,
+    },
+    /// Actions need finite bounds, the lower not above the upper.
+    #[error("actions need finite bounds, not {low:?} to {high:?}")]
+    Bounds {
+        /// Lower bounds.
+        low: Vec<f32>,
+        /// Upper bounds.
+        high: Vec<f32>,
+    },
     /// A value that must lie in [0, 1] does not.
     #[error("{what}[{index}] is {value}, outside [0, 1]")]
     OutsideUnit {
@@ -105,4 +133,35 @@ pub enum Error {
     /// The actor's gradient has overflowed.
     #[error("the actor's gradient is {0}")]
     GradientNotFinite(f32),
+}
+
+/// Whose fault an [`Error`] is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ErrorKind {
+    /// A setting's.
+    Setting,
+    /// An argument's: what was handed in is refused.
+    Argument,
+    /// The learner's own.
+    Failure,
+}
+
+impl Error {
+    /// Whose fault it is.
+    pub fn kind(&self) -> ErrorKind {
+        match self {
+            Self::Shape { .. } | Self::NoMembers | Self::Setting { .. } => ErrorKind::Setting,
+            Self::StateLength { .. }
+            | Self::StateNotFinite
+            | Self::ForeignState(_)
+            | Self::Length { .. }
+            | Self::ArgumentNotFinite { .. }
+            | Self::Bounds { .. }
+            | Self::OutsideUnit { .. } => ErrorKind::Argument,
+            Self::Threads(_)
+            | Self::OutputNotFinite { .. }
+            | Self::LossNotFinite { .. }
+            | Self::GradientNotFinite(_) => ErrorKind::Failure,
+        }
+    }
 }

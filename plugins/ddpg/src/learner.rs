@@ -1,9 +1,9 @@
 //! Acting, valuing and learning.
 
 use actor_critic::{CriticStep, PolicyStep, check_unit};
-use shield_api::{ActMode, Batch, Error, Learner, LearnerInfo, Result, check_finite, check_length};
+use shield_api::{ActMode, Batch, Error, Learner, LearnerInfo, Result, check_finite};
 
-use crate::{Ddpg, failed, invalid_argument};
+use crate::{Ddpg, plugin_error};
 
 impl Learner for Ddpg {
     fn info(&self) -> LearnerInfo {
@@ -11,13 +11,11 @@ impl Learner for Ddpg {
     }
 
     fn act(&mut self, observation: &[f32], mode: ActMode, action: &mut [f32]) -> Result<()> {
-        check_finite("observation", observation, self.agent.observation_len())?;
-        check_length("action", action, self.agent.action_len())?;
-        self.agent.act(observation, mode == ActMode::Explore, action).map_err(failed)
+        self.agent.act(observation, mode == ActMode::Explore, action).map_err(plugin_error)
     }
 
     fn q_values(&mut self, observation: &[f32], action: &[f32], values: &mut [f32]) -> Result<()> {
-        self.value(observation, action, values, None)
+        self.agent.value(observation, action, values, None).map_err(plugin_error)
     }
 
     fn q_gradients(
@@ -27,7 +25,7 @@ impl Learner for Ddpg {
         values: &mut [f32],
         gradients: &mut [f32],
     ) -> Result<()> {
-        self.value(observation, action, values, Some(gradients))
+        self.agent.value(observation, action, values, Some(gradients)).map_err(plugin_error)
     }
 
     fn update(&mut self, batch: &Batch<'_>) -> Result<()> {
@@ -63,10 +61,10 @@ impl Learner for Ddpg {
             }
         });
         agent.critics.count_step();
-        CriticStep::check(steps.iter().map(|step| &step.critic)).map_err(failed)?;
+        CriticStep::check(steps.iter().map(|step| &step.critic)).map_err(plugin_error)?;
 
         // The actor ascends the mean of the ensemble's values, over the batch.
-        let norm = agent.ascend(steps, &self.actor_optimiser, clip, config.tau).map_err(failed)?;
+        let norm = agent.ascend(steps, &self.actor_optimiser, clip, config.tau).map_err(plugin_error)?;
         let (loss, value) = CriticStep::means(steps.iter().map(|step| &step.critic));
         self.host.metric("critic_loss", loss);
         self.host.metric("q_mean", value);
@@ -76,23 +74,6 @@ impl Learner for Ddpg {
 }
 
 impl Ddpg {
-    fn value(
-        &mut self,
-        observation: &[f32],
-        action: &[f32],
-        values: &mut [f32],
-        gradients: Option<&mut [f32]>,
-    ) -> Result<()> {
-        let action_len = self.agent.action_len();
-        check_finite("observation", observation, self.agent.observation_len())?;
-        check_finite("action", action, action_len)?;
-        check_length("values", values, self.config.critics)?;
-        if let Some(gradients) = &gradients {
-            check_length("gradients", gradients, self.config.critics * action_len)?;
-        }
-        self.agent.value(observation, action, values, gradients).map_err(failed)
-    }
-
     fn check_batch(&self, batch: &Batch<'_>) -> Result<()> {
         let (size, observation_len) = (batch.size, self.agent.observation_len());
         if size == 0 {
@@ -102,9 +83,7 @@ impl Ddpg {
         check_finite("actions", batch.actions, size * self.agent.action_len())?;
         check_finite("rewards", batch.rewards, size)?;
         check_finite("next_observations", batch.next_observations, size * observation_len)?;
-        check_length("continuations", batch.continuations, size)?;
-        check_length("masks", batch.masks, size * self.config.critics)?;
-        check_unit("continuations", batch.continuations).map_err(invalid_argument)?;
-        check_unit("masks", batch.masks).map_err(invalid_argument)
+        check_unit("continuations", batch.continuations, size).map_err(plugin_error)?;
+        check_unit("masks", batch.masks, size * self.config.critics).map_err(plugin_error)
     }
 }

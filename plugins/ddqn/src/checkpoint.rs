@@ -5,7 +5,7 @@ use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
 use shield_api::{Checkpoint, Result};
 
-use crate::{Ddqn, failed, invalid_argument};
+use crate::{Ddqn, plugin_error};
 
 /// How the bytes begin.
 const MAGIC: &[u8] = b"shield/ddqn/1\n";
@@ -34,11 +34,11 @@ impl Checkpoint for Ddqn {
             explored: self.explored,
             rng: &self.rng,
         };
-        write_state(MAGIC, &view, bytes).map_err(failed)
+        write_state(MAGIC, &view, bytes).map_err(plugin_error)
     }
 
     fn load(&mut self, bytes: &[u8]) -> Result<()> {
-        self.restore(bytes).map_err(invalid_argument)
+        self.restore(bytes).map_err(plugin_error)
     }
 }
 

@@ -4,7 +4,7 @@ use actor_critic::{CriticStep, Normaliser, check_finite_output, check_unit};
 use rand::RngExt;
 use shield_api::{ActMode, Batch, Error, Learner, LearnerInfo, Result, check_finite, check_length};
 
-use crate::{Ddqn, MemberStep, failed, invalid_argument};
+use crate::{Ddqn, MemberStep, plugin_error};
 
 impl Learner for Ddqn {
     fn info(&self) -> LearnerInfo {
@@ -36,7 +36,7 @@ impl Learner for Ddqn {
         for (value, answer) in values.iter_mut().zip(&self.answers) {
             *value = answer[action];
         }
-        check_finite_output("the values", values).map_err(failed)
+        check_finite_output("the values", values).map_err(plugin_error)
     }
 
     fn update(&mut self, batch: &Batch<'_>) -> Result<()> {
@@ -78,7 +78,7 @@ impl Learner for Ddqn {
             }
         });
         networks.count_step();
-        CriticStep::check(steps.iter().map(|step| &step.critic)).map_err(failed)?;
+        CriticStep::check(steps.iter().map(|step| &step.critic)).map_err(plugin_error)?;
         let (loss, value) = CriticStep::means(steps.iter().map(|step| &step.critic));
         self.host.metric("critic_loss", loss);
         self.host.metric("q_mean", value);
@@ -109,7 +109,7 @@ impl Ddqn {
         for answer in &self.answers {
             sums.iter_mut().zip(answer).for_each(|(sum, value)| *sum += value);
         }
-        check_finite_output("the values", sums).map_err(failed)?;
+        check_finite_output("the values", sums).map_err(plugin_error)?;
         Ok(largest(sums))
     }
 
@@ -123,10 +123,8 @@ impl Ddqn {
         check_length("actions", batch.actions, size)?;
         check_finite("rewards", batch.rewards, size)?;
         check_finite("next_observations", batch.next_observations, size * observation_len)?;
-        check_length("continuations", batch.continuations, size)?;
-        check_length("masks", batch.masks, size * self.config.members)?;
-        check_unit("continuations", batch.continuations).map_err(invalid_argument)?;
-        check_unit("masks", batch.masks).map_err(invalid_argument)?;
+        check_unit("continuations", batch.continuations, size).map_err(plugin_error)?;
+        check_unit("masks", batch.masks, size * self.config.members).map_err(plugin_error)?;
         self.buffers.chosen.clear();
         for action in batch.actions.chunks_exact(1) {
             self.buffers.chosen.push(self.actions.action_index(action)?);

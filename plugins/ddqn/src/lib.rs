@@ -7,7 +7,7 @@ mod learner;
 #[cfg(test)]
 mod tests;
 
-use actor_critic::{Adam, Architecture, CriticStep, Ensemble, Normaliser, Schedule};
+use actor_critic::{Adam, Architecture, CriticStep, Ensemble, ErrorKind, Normaliser, Schedule};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use shield_api::{Error, Host, Plugin, Result, Setup, Space};
@@ -63,7 +63,7 @@ impl Plugin for Ddqn {
     type Config = DdqnConfig;
 
     fn create(config: DdqnConfig, setup: &Setup) -> Result<Self> {
-        config.validate().map_err(invalid_config)?;
+        config.validate().map_err(plugin_error)?;
         let spaces = setup.spaces()?;
         let Space::Discrete { n } = spaces.action else {
             return Err(Error::invalid_argument(
@@ -74,7 +74,7 @@ impl Plugin for Ddqn {
         let mut rng = Pcg64::seed_from_u64(setup.seed);
         let mut networks = Architecture::action_values(observation_len, n, &config.hidden, config.activation)
             .and_then(|network| Ensemble::new(network, config.members, setup.threads, &mut rng))
-            .map_err(invalid_config)?;
+            .map_err(plugin_error)?;
         if let Some(value) = config.initial_value {
             networks.raise_outputs(value);
         }
@@ -99,17 +99,13 @@ impl Plugin for Ddqn {
     }
 }
 
-fn invalid_config(error: actor_critic::Error) -> Error {
-    Error::invalid_config(error.to_string())
-}
-
-fn invalid_argument(error: actor_critic::Error) -> Error {
-    Error::invalid_argument(error.to_string())
-}
-
-/// What is not finite in a network is a failure of the learner, not of an argument.
-fn failed(error: actor_critic::Error) -> Error {
-    Error::failed(error.to_string())
+fn plugin_error(error: actor_critic::Error) -> Error {
+    let message = error.to_string();
+    match error.kind() {
+        ErrorKind::Setting => Error::invalid_config(message),
+        ErrorKind::Argument => Error::invalid_argument(message),
+        ErrorKind::Failure => Error::failed(message),
+    }
 }
 
 shield_api::export_plugin! {

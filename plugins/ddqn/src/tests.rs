@@ -1,6 +1,6 @@
 use shield_api::{ActMode, Batch, ErrorKind, Host, Learner, Plugin, PluginConfig, Setup, Space, Spaces};
 
-use conformance::{SIZE, Transitions, act, learner, train, values};
+use conformance::{SIZE, Settings, Transitions, act, learner, train, values};
 
 use crate::{Ddqn, DdqnConfig, learner::largest};
 
@@ -11,36 +11,43 @@ mod conformance;
 const ACTIONS: usize = 3;
 
 impl conformance::Subject for Ddqn {
-    const SMALL: &'static [(&'static str, &'static str)] =
-        &[("members", "3"), ("hidden", "[20, 15]"), ("epsilon", "0.5"), ("epsilon_steps", "20")];
-    const CHANGES: &'static [(&'static str, &'static str)] = &[
-        ("members", "4"),
-        ("hidden", "[20]"),
-        ("activation", "Tanh"),
-        ("rate", "1e-3"),
-        ("discount", "0.9"),
-        ("tau", "0.5"),
-        ("loss", "Squared"),
-        ("epsilon", "1.0"),
-        ("final_epsilon", "0.9"),
-        ("epsilon_steps", "1000"),
-        ("initial_value", "Some(4.0)"),
-        ("gradient_clip", "Some(1e-8)"),
-        ("normalise_observations", "true"),
-    ];
-    const IMPOSSIBLE: &'static [(&'static str, &'static str)] = &[
-        ("members", "0"),
-        ("hidden", "[]"),
-        ("hidden", "[5, 0]"),
-        ("rate", "NaN"),
-        ("discount", "-0.1"),
-        ("tau", "0.0"),
-        ("tau", "1.5"),
-        ("epsilon", "1.1"),
-        ("final_epsilon", "NaN"),
-        ("initial_value", "Some(inf)"),
-        ("gradient_clip", "Some(-1.0)"),
-    ];
+    fn small() -> Settings {
+        vec![("members", "3"), ("hidden", "[20, 15]"), ("epsilon", "0.5"), ("epsilon_steps", "20")]
+    }
+
+    fn changes() -> Settings {
+        vec![
+            ("members", "4"),
+            ("hidden", "[20]"),
+            ("activation", "Tanh"),
+            ("rate", "1e-3"),
+            ("discount", "0.9"),
+            ("tau", "0.5"),
+            ("loss", "Squared"),
+            ("epsilon", "1.0"),
+            ("final_epsilon", "0.9"),
+            ("epsilon_steps", "1000"),
+            ("initial_value", "Some(4.0)"),
+            ("gradient_clip", "Some(1e-8)"),
+            ("normalise_observations", "true"),
+        ]
+    }
+
+    fn impossible() -> Settings {
+        vec![
+            ("members", "0"),
+            ("hidden", "[]"),
+            ("hidden", "[5, 0]"),
+            ("rate", "NaN"),
+            ("discount", "-0.1"),
+            ("tau", "0.0"),
+            ("tau", "1.5"),
+            ("epsilon", "1.1"),
+            ("final_epsilon", "NaN"),
+            ("initial_value", "Some(inf)"),
+            ("gradient_clip", "Some(-1.0)"),
+        ]
+    }
 
     fn spaces() -> Spaces {
         Spaces { observation: Space::unbounded(3), action: Space::Discrete { n: ACTIONS } }

@@ -3,9 +3,9 @@
 use actor_critic::{CriticStep, PolicyStep, check_unit};
 use rand::RngExt;
 use rand_distr::StandardNormal;
-use shield_api::{ActMode, Batch, Error, Learner, LearnerInfo, Result, check_finite, check_length};
+use shield_api::{ActMode, Batch, Error, Learner, LearnerInfo, Result, check_finite};
 
-use crate::{Td3, failed, invalid_argument};
+use crate::{Td3, plugin_error};
 
 impl Learner for Td3 {
     fn info(&self) -> LearnerInfo {
@@ -13,13 +13,11 @@ impl Learner for Td3 {
     }
 
     fn act(&mut self, observation: &[f32], mode: ActMode, action: &mut [f32]) -> Result<()> {
-        check_finite("observation", observation, self.agent.observation_len())?;
-        check_length("action", action, self.agent.action_len())?;
-        self.agent.act(observation, mode == ActMode::Explore, action).map_err(failed)
+        self.agent.act(observation, mode == ActMode::Explore, action).map_err(plugin_error)
     }
 
     fn q_values(&mut self, observation: &[f32], action: &[f32], values: &mut [f32]) -> Result<()> {
-        self.value(observation, action, values, None)
+        self.agent.value(observation, action, values, None).map_err(plugin_error)
     }
 
     fn q_gradients(
@@ -29,7 +27,7 @@ impl Learner for Td3 {
         values: &mut [f32],
         gradients: &mut [f32],
     ) -> Result<()> {
-        self.value(observation, action, values, Some(gradients))
+        self.agent.value(observation, action, values, Some(gradients)).map_err(plugin_error)
     }
 
     fn update(&mut self, batch: &Batch<'_>) -> Result<()> {
@@ -84,14 +82,14 @@ impl Learner for Td3 {
             }
         });
         agent.critics.count_step();
-        CriticStep::check(steps.iter().map(|step| &step.critic)).map_err(failed)?;
+        CriticStep::check(steps.iter().map(|step| &step.critic)).map_err(plugin_error)?;
 
         let (loss, value) = CriticStep::means(steps.iter().map(|step| &step.critic));
         self.host.metric("critic_loss", loss);
         self.host.metric("q_mean", value);
         if actor_learns {
             // The actor ascends the mean of the pairs' first values, over the batch.
-            let norm = agent.ascend(steps, &self.actor_optimiser, clip, tau).map_err(failed)?;
+            let norm = agent.ascend(steps, &self.actor_optimiser, clip, tau).map_err(plugin_error)?;
             self.host.metric("actor_gradient_norm", f64::from(norm));
         }
         Ok(())
@@ -113,23 +111,6 @@ impl Td3 {
         }
     }
 
-    fn value(
-        &mut self,
-        observation: &[f32],
-        action: &[f32],
-        values: &mut [f32],
-        gradients: Option<&mut [f32]>,
-    ) -> Result<()> {
-        let action_len = self.agent.action_len();
-        check_finite("observation", observation, self.agent.observation_len())?;
-        check_finite("action", action, action_len)?;
-        check_length("values", values, self.config.critics)?;
-        if let Some(gradients) = &gradients {
-            check_length("gradients", gradients, self.config.critics * action_len)?;
-        }
-        self.agent.value(observation, action, values, gradients).map_err(failed)
-    }
-
     fn check_batch(&self, batch: &Batch<'_>) -> Result<()> {
         let (size, observation_len) = (batch.size, self.agent.observation_len());
         if size == 0 {
@@ -139,9 +120,7 @@ impl Td3 {
         check_finite("actions", batch.actions, size * self.agent.action_len())?;
         check_finite("rewards", batch.rewards, size)?;
         check_finite("next_observations", batch.next_observations, size * observation_len)?;
-        check_length("continuations", batch.continuations, size)?;
-        check_length("masks", batch.masks, size * self.config.critics)?;
-        check_unit("continuations", batch.continuations).map_err(invalid_argument)?;
-        check_unit("masks", batch.masks).map_err(invalid_argument)
+        check_unit("continuations", batch.continuations, size).map_err(plugin_error)?;
+        check_unit("masks", batch.masks, size * self.config.critics).map_err(plugin_error)
     }
 }

@@ -6,7 +6,7 @@ mod learner;
 #[cfg(test)]
 mod tests;
 
-use actor_critic::{ActionScale, Adam, Agent, AgentSettings, PolicyStep, Schedule};
+use actor_critic::{ActionScale, Adam, Agent, AgentSettings, ErrorKind, PolicyStep, Schedule};
 use shield_api::{Checkpoint, Error, Host, Plugin, Result, Setup, Space};
 
 pub use config::Td3Config;
@@ -29,11 +29,16 @@ impl Plugin for Td3 {
     type Config = Td3Config;
 
     fn create(config: Td3Config, setup: &Setup) -> Result<Self> {
-        config.validate().map_err(invalid_config)?;
+        config.validate().map_err(plugin_error)?;
         let spaces = setup.spaces()?;
+        let Space::Box { low, high } = &spaces.action else {
+            return Err(Error::invalid_argument(
+                "TD3 needs continuous actions; for discrete ones there is ddqn",
+            ));
+        };
         let agent = Agent::new(AgentSettings {
             observation_len: spaces.observation_len(),
-            scale: action_scale(&spaces.action)?,
+            scale: ActionScale::new(low, high).map_err(plugin_error)?,
             actor_hidden: &config.actor_hidden,
             critic_hidden: &config.critic_hidden,
             activation: config.activation,
@@ -51,7 +56,7 @@ impl Plugin for Td3 {
             threads: setup.threads,
             seed: setup.seed,
         })
-        .map_err(invalid_config)?;
+        .map_err(plugin_error)?;
         Ok(Self {
             host: setup.host,
             agent,
@@ -65,34 +70,21 @@ impl Plugin for Td3 {
 
 impl Checkpoint for Td3 {
     fn save(&self, bytes: &mut Vec<u8>) -> Result<()> {
-        self.agent.save(MAGIC, bytes).map_err(failed)
+        self.agent.save(MAGIC, bytes).map_err(plugin_error)
     }
 
     fn load(&mut self, bytes: &[u8]) -> Result<()> {
-        self.agent.load(MAGIC, bytes).map_err(invalid_argument)
+        self.agent.load(MAGIC, bytes).map_err(plugin_error)
     }
 }
 
-fn invalid_config(error: actor_critic::Error) -> Error {
-    Error::invalid_config(error.to_string())
-}
-
-fn invalid_argument(error: actor_critic::Error) -> Error {
-    Error::invalid_argument(error.to_string())
-}
-
-/// What is not finite in a network is a failure of the learner, not of an argument.
-fn failed(error: actor_critic::Error) -> Error {
-    Error::failed(error.to_string())
-}
-
-fn action_scale(space: &Space) -> Result<ActionScale> {
-    let Space::Box { low, high } = space else {
-        return Err(Error::invalid_argument("TD3 needs continuous actions; for discrete ones there is ddqn"));
-    };
-    ActionScale::new(low, high).ok_or_else(|| {
-        Error::invalid_argument(format!("TD3 needs finite bounds of the actions, not {low:?} to {high:?}"))
-    })
+fn plugin_error(error: actor_critic::Error) -> Error {
+    let message = error.to_string();
+    match error.kind() {
+        ErrorKind::Setting => Error::invalid_config(message),
+        ErrorKind::Argument => Error::invalid_argument(message),
+        ErrorKind::Failure => Error::failed(message),
+    }
 }
 
 shield_api::export_plugin! {

@@ -1,6 +1,6 @@
 use shield_api::{ActMode, Learner, Space, Spaces};
 
-use conformance::{SIZE, Transitions, act, learner, train, values};
+use conformance::{SIZE, Settings, Transitions, act, learner, train, values};
 
 use crate::Td3;
 
@@ -12,54 +12,22 @@ mod conformance;
 mod continuous;
 
 impl conformance::Subject for Td3 {
-    const SMALL: &'static [(&'static str, &'static str)] = &[
-        ("critics", "3"),
-        ("actor_hidden", "[20, 15]"),
-        ("critic_hidden", "[20, 15]"),
-        ("random_steps", "1"),
-        ("final_sigma", "Some(0.02)"),
-        ("sigma_steps", "7"),
-    ];
-    const CHANGES: &'static [(&'static str, &'static str)] = &[
-        ("critics", "4"),
-        ("actor_hidden", "[20, 16]"),
-        ("critic_hidden", "[20]"),
-        ("activation", "Relu"),
-        ("actor_rate", "2e-3"),
-        ("critic_rate", "2e-3"),
-        ("discount", "0.9"),
-        ("tau", "0.5"),
-        ("policy_delay", "3"),
-        ("target_sigma", "0.1"),
-        ("target_clip", "0.1"),
-        ("loss", "Huber"),
-        ("noise", "OrnsteinUhlenbeck(theta: 0.5)"),
-        ("sigma", "0.3"),
-        ("final_sigma", "Some(0.05)"),
-        ("sigma_steps", "5"),
-        ("random_steps", "2"),
-        ("initial_value", "Some(4.0)"),
-        ("gradient_clip", "Some(1e-8)"),
-        ("normalise_observations", "true"),
-    ];
-    const IMPOSSIBLE: &'static [(&'static str, &'static str)] = &[
-        ("critics", "0"),
-        ("actor_hidden", "[]"),
-        ("critic_hidden", "[5, 0]"),
-        ("actor_rate", "0.0"),
-        ("critic_rate", "NaN"),
-        ("discount", "1.5"),
-        ("tau", "0.0"),
-        ("tau", "1.5"),
-        ("policy_delay", "0"),
-        ("target_sigma", "-0.1"),
-        ("target_clip", "NaN"),
-        ("sigma", "-1.0"),
-        ("final_sigma", "Some(NaN)"),
-        ("noise", "OrnsteinUhlenbeck(theta: 2.0)"),
-        ("initial_value", "Some(inf)"),
-        ("gradient_clip", "Some(0.0)"),
-    ];
+    fn small() -> Settings {
+        continuous::small()
+    }
+
+    fn changes() -> Settings {
+        continuous::changes(&[
+            ("policy_delay", "3"),
+            ("target_sigma", "0.1"),
+            ("target_clip", "0.1"),
+            ("loss", "Huber"),
+        ])
+    }
+
+    fn impossible() -> Settings {
+        continuous::impossible(&[("policy_delay", "0"), ("target_sigma", "-0.1"), ("target_clip", "NaN")])
+    }
 
     fn spaces() -> Spaces {
         continuous::spaces()
@@ -96,12 +64,12 @@ fn targets_are_the_smaller_of_the_twins() {
     learner.update(&transitions.batch()).unwrap();
     let mut smaller_twins = [0; 2];
     for (pair, step) in learner.steps.iter().enumerate() {
-        for row in 0..SIZE {
+        for (row, target) in step.critic.targets.iter().enumerate() {
             let twins = [next_values[2 * pair][row], next_values[2 * pair + 1][row]];
             let least = twins[0].min(twins[1]);
             smaller_twins[usize::from(least == twins[1])] += 1;
             let expected = transitions.rewards[row] + 0.5 * transitions.continuations[row] * least;
-            assert!((step.critic.targets[row] - expected).abs() < 1e-6);
+            assert!((target - expected).abs() < 1e-6);
         }
     }
     assert!(smaller_twins.iter().all(|count| *count > 0), "one twin is always smaller: {smaller_twins:?}");
