@@ -239,9 +239,16 @@ fn plugins_are_listed_without_loading_them() {
     let output = shield().args(["plugin", "list"]).output().unwrap();
     assert!(output.status.success());
     let printed = text(&output.stdout);
-    for part in
-        ["ddpg", "gridworld", "mujoco/cliff-cart", "mujoco/cliff-cheetah", "near-start", "ensemble-threshold"]
-    {
+    for part in [
+        "ddpg",
+        "ddqn",
+        "td3",
+        "gridworld",
+        "mujoco/cliff-cart",
+        "mujoco/cliff-cheetah",
+        "near-start",
+        "ensemble-threshold",
+    ] {
         assert!(printed.contains(part), "{part} is missing in: {printed}");
     }
 }

@@ -1,5 +1,7 @@
 //! The networks work with actions in [-1, 1]; the world with those of its box.
 
+use crate::Error;
+
 /// The affine map between [-1, 1] and a box, per dimension.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ActionScale {
@@ -12,11 +14,15 @@ pub struct ActionScale {
 impl ActionScale {
     /// The map for the given bounds, which must be finite, `low ≤ high`.
     ///
-    /// Returns `None` if they are not.
-    pub fn new(low: &[f32], high: &[f32]) -> Option<Self> {
+    /// # Errors
+    /// [`Error::Bounds`] if they are not.
+    pub fn new(low: &[f32], high: &[f32]) -> Result<Self, Error> {
         let is_box = low.len() == high.len()
             && low.iter().zip(high).all(|(low, high)| low <= high && (high - low).is_finite());
-        is_box.then(|| Self {
+        if !is_box {
+            return Err(Error::Bounds { low: low.to_vec(), high: high.to_vec() });
+        }
+        Ok(Self {
             low: low.to_vec(),
             high: high.to_vec(),
             centre: low.iter().zip(high).map(|(low, high)| low + (high - low) / 2.0).collect(),
@@ -84,8 +90,8 @@ mod tests {
 
     #[test]
     fn a_box_without_bounds_is_refused() {
-        assert_eq!(ActionScale::new(&[0.0], &[f32::INFINITY]), None);
-        assert_eq!(ActionScale::new(&[1.0], &[0.0]), None);
-        assert_eq!(ActionScale::new(&[f32::NAN], &[0.0]), None);
+        assert!(ActionScale::new(&[0.0], &[f32::INFINITY]).is_err());
+        assert!(ActionScale::new(&[1.0], &[0.0]).is_err());
+        assert!(ActionScale::new(&[f32::NAN], &[0.0]).is_err());
     }
 }

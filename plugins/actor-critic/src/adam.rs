@@ -1,5 +1,7 @@
 //! Adam (Kingma and Ba 2015, algorithm 1) with the soft update of the target weights in the same pass over memory.
 
+use std::ops::Range;
+
 use serde::{Deserialize, Serialize};
 
 use crate::{Real, kernels::vectorised};
@@ -55,6 +57,24 @@ pub(crate) struct Slices<'a, T> {
     pub(crate) targets: &'a mut [T],
     pub(crate) first: &'a mut [T],
     pub(crate) second: &'a mut [T],
+}
+
+impl<T> Slices<'_, T> {
+    /// The given part of each, for as long as the whole is not needed.
+    pub(crate) fn part(&mut self, range: Range<usize>) -> Slices<'_, T> {
+        let Slices { weights, targets, first, second } = self;
+        Slices { weights, targets, first, second }.into_part(range)
+    }
+
+    /// The given part of each.
+    pub(crate) fn into_part(self, range: Range<usize>) -> Self {
+        Self {
+            weights: &mut self.weights[range.clone()],
+            targets: &mut self.targets[range.clone()],
+            first: &mut self.first[range.clone()],
+            second: &mut self.second[range],
+        }
+    }
 }
 
 #[cfg(test)]

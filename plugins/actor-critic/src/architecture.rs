@@ -80,6 +80,19 @@ impl Architecture {
         Self::new(observation_len, hidden, 1, activation, None, Some((join, action_len)))
     }
 
+    /// Q(s, ·) of discrete actions: hidden layers, then one output per action.
+    ///
+    /// # Errors
+    /// [`Error::Shape`] for an empty layer or none.
+    pub fn action_values(
+        observation_len: usize,
+        actions: usize,
+        hidden: &[usize],
+        activation: Activation,
+    ) -> Result<Self, Error> {
+        Self::new(observation_len, hidden, actions, activation, None, None)
+    }
+
     /// π(s) in [-1, 1]: hidden layers, then tanh.
     ///
     /// # Errors
@@ -126,7 +139,7 @@ impl Architecture {
         self.observation_len
     }
 
-    /// How many values the action has that enters; 0 for an actor.
+    /// How many values the action has that enters; 0 where none does.
     pub fn action_len(&self) -> usize {
         self.action_len
     }
@@ -174,6 +187,8 @@ mod tests {
         assert_eq!((critic.join, critic.output_len(), critic.activation_len()), (1, 1, 701));
         let actor = Architecture::actor(18, 6, &[400, 300], Activation::Tanh).unwrap();
         assert_eq!(actor.parameter_len(), 18 * 400 + 400 + 400 * 300 + 300 + 300 * 6 + 6);
+        let values = Architecture::action_values(25, 4, &[64], Activation::Relu).unwrap();
+        assert_eq!((values.parameter_len(), values.output_len()), (25 * 64 + 64 + 64 * 4 + 4, 4));
     }
 
     #[test]

@@ -4,7 +4,7 @@ use rand::Rng;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::{Architecture, Error, Member, Real, adam::Slices, pass::Workspace};
+use crate::{Architecture, Error, Group, Member, Real, adam::Slices, pass::Workspace};
 
 /// What an ensemble remembers: everything that the next step depends on. Each member's parameters lie together.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -107,18 +107,14 @@ impl<T: Real> Ensemble<T> {
     /// One member, worked on by the calling thread.
     pub fn member(&mut self, index: usize) -> Member<'_, T> {
         let length = self.architecture.parameter_len();
-        let range = index * length..(index + 1) * length;
+        let EnsembleState { weights, targets, first_moments, second_moments, steps } = &mut self.state;
+        let all = Slices { weights, targets, first: first_moments, second: second_moments };
         Member {
             index,
             architecture: &self.architecture,
-            slices: Slices {
-                weights: &mut self.state.weights[range.clone()],
-                targets: &mut self.state.targets[range.clone()],
-                first: &mut self.state.first_moments[range.clone()],
-                second: &mut self.state.second_moments[range],
-            },
+            slices: all.into_part(index * length..(index + 1) * length),
             workspace: &mut self.workspaces[0],
-            next_step: self.state.steps + 1,
+            next_step: *steps + 1,
         }
     }
 
@@ -131,25 +127,33 @@ impl<T: Real> Ensemble<T> {
         results: &mut [R],
         work: impl Fn(&mut Member<'_, T>, &mut R) + Sync,
     ) {
-        assert_eq!(results.len(), self.members, "one result per member");
-        let length = self.architecture.parameter_len();
-        let share = self.members.div_ceil(self.workspaces.len());
+        self.for_each_group(1, results, |group, result| work(&mut group.member(0), result));
+    }
+
+    /// Calls `work` once per group of `size` successive members, with that group's entry of `results`, spread over the
+    /// threads. A group is worked on by one thread.
+    ///
+    /// # Panics
+    /// If the members cannot be divided into such groups, or `results` has not one entry per group.
+    pub fn for_each_group<R: Send>(
+        &mut self,
+        size: usize,
+        results: &mut [R],
+        work: impl Fn(&mut Group<'_, T>, &mut R) + Sync,
+    ) {
+        assert_eq!(results.len() * size, self.members, "one result per group");
+        let length = size * self.architecture.parameter_len();
+        let share = results.len().div_ceil(self.workspaces.len());
         let next_step = self.state.steps + 1;
         let architecture = &self.architecture;
         let EnsembleState { weights, targets, first_moments, second_moments, .. } = &mut self.state;
 
         let run =
-            |first_index: usize, slices: Slices<'_, T>, results: &mut [R], workspace: &mut Workspace<T>| {
-                let parameters =
-                    slices.weights.chunks_exact_mut(length).zip(slices.targets.chunks_exact_mut(length));
-                let moments =
-                    slices.first.chunks_exact_mut(length).zip(slices.second.chunks_exact_mut(length));
-                for (offset, (((weights, targets), (first, second)), result)) in
-                    parameters.zip(moments).zip(results).enumerate()
-                {
-                    let slices = Slices { weights, targets, first, second };
-                    let index = first_index + offset;
-                    work(&mut Member { index, architecture, slices, workspace, next_step }, result);
+            |first: usize, mut slices: Slices<'_, T>, results: &mut [R], workspace: &mut Workspace<T>| {
+                for (offset, result) in results.iter_mut().enumerate() {
+                    let slices = slices.part(offset * length..(offset + 1) * length);
+                    let index = first + offset;
+                    work(&mut Group { index, size, architecture, slices, workspace, next_step }, result);
                 }
             };
         let Some(pool) = &self.pool else {

@@ -3,7 +3,11 @@
 
 mod action_scale;
 mod adam;
+mod agent;
 mod architecture;
+mod checkpoint;
+mod checks;
+mod critic_step;
 mod ensemble;
 mod kernels;
 mod loss;
@@ -15,16 +19,22 @@ mod real;
 
 pub use action_scale::ActionScale;
 pub use adam::Adam;
+pub use agent::{Agent, AgentSettings, Buffers, PolicyStep};
 pub use architecture::{Activation, Architecture};
+pub use checkpoint::{read_state, write_state};
+pub use checks::{
+    check_finite_output, check_finite_setting, check_not_negative, check_positive, check_share, check_unit,
+};
+pub use critic_step::CriticStep;
 pub use ensemble::{Ensemble, EnsembleState};
 pub use loss::Loss;
-pub use member::Member;
+pub use member::{Group, Member};
 pub use noise::{Noise, NoiseProcess, Schedule};
 pub use normaliser::Normaliser;
 pub use real::Real;
 
 /// What cannot be built or restored.
-#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Error {
     /// A network needs at least one hidden layer, none of them empty, and something to see.
     #[error("a network with {inputs} inputs and the hidden layers {hidden:?} cannot be built")]
@@ -51,4 +61,107 @@ pub enum Error {
     /// A saved value is NaN or infinite.
     #[error("the saved state holds a value that is not finite")]
     StateNotFinite,
+    /// The bytes are not a state of this learner.
+    #[error("not a state of this learner: {0}")]
+    ForeignState(String),
+    /// A setting has a value that cannot be.
+    #[error("{name} is {value}; it must be {allowed}")]
+    Setting {
+        /// The setting's name.
+        name: &'static str,
+        /// Its value.
+        value: f64,
+        /// What it may be.
+        allowed: &'static str,
+    },
+    /// An argument has the wrong length.
+    #[error("{what} has {found} values, expected {expected}")]
+    Length {
+        /// Which argument.
+        what: &'static str,
+        /// Its length.
+        found: usize,
+        /// The length that it must have.
+        expected: usize,
+    },
+    /// A value of an argument is NaN or infinite.
+    #[error("{what}[{index}] is {value}")]
+    ArgumentNotFinite {
+        /// Which argument.
+        what: &'static str,
+        /// The first such value's place.
+        index: usize,
+        /// The value.
+        value: f32,
+    },
+    /// Actions need finite bounds, the lower not above the upper.
+    #[error("actions need finite bounds, not {low:?} to {high:?}")]
+    Bounds {
+        /// Lower bounds.
+        low: Vec<f32>,
+        /// Upper bounds.
+        high: Vec<f32>,
+    },
+    /// A value that must lie in [0, 1] does not.
+    #[error("{what}[{index}] is {value}, outside [0, 1]")]
+    OutsideUnit {
+        /// What the values are.
+        what: &'static str,
+        /// The first such value's place.
+        index: usize,
+        /// The value.
+        value: f32,
+    },
+    /// What the networks return is not finite.
+    #[error("{what} are not finite: [{index}] is {value}")]
+    OutputNotFinite {
+        /// What the values are.
+        what: &'static str,
+        /// The first such value's place.
+        index: usize,
+        /// The value.
+        value: f32,
+    },
+    /// A critic's loss has overflowed.
+    #[error("the loss of critic {critic} is {loss}")]
+    LossNotFinite {
+        /// Which critic.
+        critic: usize,
+        /// Its loss.
+        loss: f32,
+    },
+    /// The actor's gradient has overflowed.
+    #[error("the actor's gradient is {0}")]
+    GradientNotFinite(f32),
+}
+
+/// Whose fault an [`Error`] is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum ErrorKind {
+    /// A setting's.
+    Setting,
+    /// An argument's: what was handed in is refused.
+    Argument,
+    /// The learner's own.
+    Failure,
+}
+
+impl Error {
+    /// Whose fault it is.
+    pub fn kind(&self) -> ErrorKind {
+        match self {
+            Self::Shape { .. } | Self::NoMembers | Self::Setting { .. } => ErrorKind::Setting,
+            Self::StateLength { .. }
+            | Self::StateNotFinite
+            | Self::ForeignState(_)
+            | Self::Length { .. }
+            | Self::ArgumentNotFinite { .. }
+            | Self::Bounds { .. }
+            | Self::OutsideUnit { .. } => ErrorKind::Argument,
+            Self::Threads(_)
+            | Self::OutputNotFinite { .. }
+            | Self::LossNotFinite { .. }
+            | Self::GradientNotFinite(_) => ErrorKind::Failure,
+        }
+    }
 }

@@ -85,8 +85,51 @@ impl<T: Real> Member<'_, T> {
         );
     }
 
+    /// [`clip_gradient`](Self::clip_gradient) if a longest norm is given, then [`step`](Self::step).
+    pub fn clipped_step(&mut self, longest: Option<f32>, adam: &Adam, tau: f64) {
+        if let Some(longest) = longest {
+            self.clip_gradient(T::from_f64(f64::from(longest)));
+        }
+        self.step(adam, tau);
+    }
+
     /// The weights themselves.
     pub fn weights(&self) -> &[T] {
         self.slices.weights
+    }
+}
+
+/// Successive members of an ensemble in the hands of one thread, for instance TD3's twins. They share the buffers of a
+/// pass: what one member computed is gone once another was used.
+pub struct Group<'a, T: Real> {
+    pub(crate) index: usize,
+    pub(crate) size: usize,
+    pub(crate) architecture: &'a Architecture,
+    pub(crate) slices: Slices<'a, T>,
+    pub(crate) workspace: &'a mut Workspace<T>,
+    pub(crate) next_step: u64,
+}
+
+impl<T: Real> Group<'_, T> {
+    /// Its place among the groups.
+    pub fn index(&self) -> usize {
+        self.index
+    }
+
+    /// How many members it has.
+    pub fn size(&self) -> usize {
+        self.size
+    }
+
+    /// A member, counted from 0 within the group.
+    pub fn member(&mut self, index: usize) -> Member<'_, T> {
+        let length = self.architecture.parameter_len();
+        Member {
+            index: self.index * self.size + index,
+            architecture: self.architecture,
+            slices: self.slices.part(index * length..(index + 1) * length),
+            workspace: self.workspace,
+            next_step: self.next_step,
+        }
     }
 }

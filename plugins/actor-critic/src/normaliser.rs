@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use crate::Error;
+
 /// Scales observations to mean 0 and variance 1 by the statistics of all rows seen so far.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Normaliser {
@@ -34,6 +36,27 @@ impl Normaliser {
                 *mean += difference / self.count;
                 *square += difference * (f64::from(*value) - *mean);
             }
+        }
+    }
+
+    /// Copies rows into `destination`, which becomes exactly as long; normalised if there is a normaliser.
+    pub fn take_rows(normaliser: Option<&Self>, rows: &[f32], destination: &mut Vec<f32>) {
+        destination.resize(rows.len(), 0.0);
+        match normaliser {
+            Some(normaliser) => normaliser.normalise(rows, destination),
+            None => destination.copy_from_slice(rows),
+        }
+    }
+
+    /// Whether two learners see observations of the same kind: both normalised, over as many dimensions, or neither.
+    ///
+    /// # Errors
+    /// [`Error::ForeignState`].
+    pub fn check_alike(own: Option<&Self>, other: Option<&Self>) -> Result<(), Error> {
+        if own.map(Self::dimensions) == other.map(Self::dimensions) {
+            Ok(())
+        } else {
+            Err(Error::ForeignState("its observations are normalised otherwise".into()))
         }
     }
 

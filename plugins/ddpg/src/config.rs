@@ -1,7 +1,9 @@
 //! The configuration, and what it may hold.
 
-use actor_critic::{Activation, Loss, NoiseProcess};
-use shield_api::{Error, Result};
+use actor_critic::{
+    Activation, Error, Loss, NoiseProcess, check_finite_setting, check_not_negative, check_positive,
+    check_share,
+};
 
 shield_api::config! {
     /// Settings of DDPG. "Paper" is Leave no Trace, appendix C; what it does not give comes from Lillicrap et al. 2015
@@ -46,31 +48,18 @@ shield_api::config! {
 
 impl DdpgConfig {
     /// Refuses values that cannot be. Sizes of networks are checked where these are built.
-    pub(crate) fn validate(&self) -> Result<()> {
-        let positive = |name: &str, value: f64| {
-            check(value.is_finite() && value > 0.0, name, value, "a positive number")
-        };
-        let not_negative =
-            |name: &str, value: f32| check(value.is_finite() && value >= 0.0, name, value, "0 or more");
-        positive("actor_rate", self.actor_rate)?;
-        positive("critic_rate", self.critic_rate)?;
-        check((0.0..=1.0).contains(&self.discount), "discount", self.discount, "in [0, 1]")?;
-        check(self.tau > 0.0 && self.tau <= 1.0, "tau", self.tau, "in (0, 1]")?;
+    pub(crate) fn validate(&self) -> Result<(), Error> {
+        check_positive("actor_rate", self.actor_rate)?;
+        check_positive("critic_rate", self.critic_rate)?;
+        check_share("discount", self.discount)?;
+        check_positive("tau", self.tau)?;
+        check_share("tau", self.tau)?;
         if let NoiseProcess::OrnsteinUhlenbeck { theta } = self.noise {
-            check((0.0..=1.0).contains(&theta), "theta", theta, "in [0, 1]")?;
+            check_share("theta", theta)?;
         }
-        not_negative("sigma", self.sigma)?;
-        not_negative("final_sigma", self.final_sigma.unwrap_or(0.0))?;
-        let initial_value = self.initial_value.unwrap_or(0.0);
-        check(initial_value.is_finite(), "initial_value", initial_value, "finite")?;
-        positive("gradient_clip", f64::from(self.gradient_clip.unwrap_or(1.0)))
-    }
-}
-
-fn check(is_valid: bool, name: &str, value: impl std::fmt::Display, allowed: &str) -> Result<()> {
-    if is_valid {
-        Ok(())
-    } else {
-        Err(Error::invalid_config(format!("{name} is {value}; it must be {allowed}")))
+        check_not_negative("sigma", self.sigma)?;
+        check_not_negative("final_sigma", self.final_sigma.unwrap_or(0.0))?;
+        check_finite_setting("initial_value", self.initial_value.unwrap_or(0.0))?;
+        check_positive("gradient_clip", self.gradient_clip.unwrap_or(1.0))
     }
 }

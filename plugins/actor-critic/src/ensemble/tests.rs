@@ -102,6 +102,10 @@ fn the_backward_pass_equals_finite_differences() {
                     loss,
                 );
                 check_gradients(&Architecture::actor(OBSERVATION, ACTION, hidden, activation).unwrap(), loss);
+                check_gradients(
+                    &Architecture::action_values(OBSERVATION, 4, hidden, activation).unwrap(),
+                    loss,
+                );
             }
         }
     }
@@ -147,6 +151,38 @@ fn the_number_of_threads_changes_no_bit() {
         let mut several = critic(&[40, 30], Activation::Tanh, 5, threads);
         assert_eq!(values, train(&mut several, 0..3), "{threads} threads");
         assert_eq!(single.state(), several.state(), "{threads} threads");
+    }
+}
+
+/// Four threads and three pairs: one thread remains without work.
+#[test]
+fn a_pair_is_two_successive_members_on_any_number_of_threads() {
+    let values = |threads| {
+        let mut ensemble: Ensemble<f32> = critic(&[40, 30], Activation::Tanh, 6, threads);
+        let mut pairs = [(9, [0.0; 2], [9; 2]); 3];
+        ensemble.for_each_group(2, &mut pairs, |pair, result| {
+            result.0 = pair.index();
+            for twin in 0..pair.size() {
+                let mut member = pair.member(twin);
+                member.observe(&[0.1, 0.2, 0.3]);
+                (result.1[twin], result.2[twin]) = (member.values(&[0.4, 0.5])[0], member.index());
+            }
+        });
+        pairs
+    };
+    let mut ensemble: Ensemble<f32> = critic(&[40, 30], Activation::Tanh, 6, 1);
+    let expected: Vec<f32> = (0..6)
+        .map(|index| {
+            let mut member = ensemble.member(index);
+            member.observe(&[0.1, 0.2, 0.3]);
+            member.values(&[0.4, 0.5])[0]
+        })
+        .collect();
+    for threads in [1, 2, 4] {
+        for (index, pair) in values(threads).into_iter().enumerate() {
+            let (first, second) = (2 * index, 2 * index + 1);
+            assert_eq!(pair, (index, [expected[first], expected[second]], [first, second]));
+        }
     }
 }
 

@@ -1,0 +1,45 @@
+//! What one critic, or one group of them, needs and returns in an update.
+
+use crate::Error;
+
+/// The part that every kind of critic has in common. Kept between updates, so that nothing is allocated after the first.
+#[derive(Debug, Clone, Default)]
+pub struct CriticStep {
+    /// Values to learn, one per row.
+    pub targets: Vec<f32>,
+    /// The member's column of the bootstrap masks.
+    pub weights: Vec<f32>,
+    /// The mean loss before the step.
+    pub loss: f32,
+    /// The mean value of the batch before the step.
+    pub mean_value: f32,
+}
+
+impl CriticStep {
+    /// Makes room for `size` rows, and takes the column of `member` from the masks (`size × members`).
+    pub fn begin(&mut self, size: usize, masks: &[f32], member: usize, members: usize) {
+        self.targets.resize(size, 0.0);
+        self.weights.clear();
+        self.weights.extend(masks.iter().skip(member).step_by(members).take(size));
+    }
+
+    /// Whether every loss is finite.
+    ///
+    /// # Errors
+    /// [`Error::LossNotFinite`] for the first that is not.
+    pub fn check<'a>(steps: impl IntoIterator<Item = &'a Self>) -> Result<(), Error> {
+        match steps.into_iter().enumerate().find(|(_, step)| !step.loss.is_finite()) {
+            None => Ok(()),
+            Some((critic, step)) => Err(Error::LossNotFinite { critic, loss: step.loss }),
+        }
+    }
+
+    /// Mean loss and mean value over the critics.
+    pub fn means<'a>(steps: impl ExactSizeIterator<Item = &'a Self>) -> (f64, f64) {
+        let count = steps.len() as f64;
+        let (loss, value) = steps.fold((0.0, 0.0), |(loss, value), step| {
+            (loss + f64::from(step.loss), value + f64::from(step.mean_value))
+        });
+        (loss / count, value / count)
+    }
+}

@@ -1,0 +1,73 @@
+//! The configuration, and what it may hold.
+
+use actor_critic::{
+    Activation, Error, Loss, NoiseProcess, check_finite_setting, check_not_negative, check_positive,
+    check_share,
+};
+
+shield_api::config! {
+    /// Settings of TD3. "TD3" is Fujimoto et al. 2018; "paper" is Leave no Trace, appendix C.
+    pub struct Td3Config {
+        /// How many pairs of Q-functions; a pair's value is the smaller one (paper: 20 Q-functions).
+        critics: usize = 20,
+        /// Hidden layers of the actor (TD3 and paper: 400, 300).
+        actor_hidden: Vec<usize> = vec![400, 300] => "[400, 300]",
+        /// Hidden layers of a critic; the action enters before the second (TD3 and paper: 400, 300).
+        critic_hidden: Vec<usize> = vec![400, 300] => "[400, 300]",
+        /// Tanh or Relu in hidden layers (paper: tanh; TD3: ReLU).
+        activation: Activation = Activation::Tanh => "Tanh",
+        /// Adam's step size for the actor (TD3: 1e-3 with 400-300; its authors' later code has 3e-4 with 256-256).
+        actor_rate: f64 = 1e-3,
+        /// Adam's step size for the critics (as the actor's).
+        critic_rate: f64 = 1e-3,
+        /// γ (TD3 and paper: 0.99).
+        discount: f32 = 0.99,
+        /// Share by which target networks follow, each time that the actor learns (TD3: 0.005).
+        tau: f64 = 0.005,
+        /// Updates of the critics per update of the actor and of all target networks (TD3: 2).
+        policy_delay: u64 = 2,
+        /// Size of the noise on target actions, as a share of half the action's range (TD3: 0.2).
+        target_sigma: f32 = 0.2,
+        /// Bound of that noise, in the same unit (TD3: 0.5).
+        target_clip: f32 = 0.5,
+        /// Squared or Huber loss of the critics (TD3: squared).
+        loss: Loss = Loss::Squared => "Squared",
+        /// Gaussian (TD3), or OrnsteinUhlenbeck(theta: 0.15).
+        noise: NoiseProcess = NoiseProcess::Gaussian => "Gaussian",
+        /// Size of the exploration noise, as a share of half the action's range (TD3: 0.1).
+        sigma: f32 = 0.1,
+        /// Size of the noise after `sigma_steps`; None: it stays.
+        final_sigma: Option<f32> = None,
+        /// Exploring actions within which the noise moves linearly to `final_sigma`.
+        sigma_steps: u64 = 100_000 => "100000",
+        /// Exploring actions that are uniform in the space, at the beginning (TD3: 1,000 for small tasks).
+        random_steps: u64 = 1_000 => "1000",
+        /// Optimistic initial values: a bias of each critic's last layer, of its target network too.
+        initial_value: Option<f32> = None,
+        /// Longest gradient of each network; None: as it is.
+        gradient_clip: Option<f32> = None,
+        /// Scales observations by the running mean and variance of the batches.
+        normalise_observations: bool = false,
+    }
+}
+
+impl Td3Config {
+    /// Refuses values that cannot be. Sizes of networks are checked where these are built.
+    pub(crate) fn validate(&self) -> Result<(), Error> {
+        check_positive("actor_rate", self.actor_rate)?;
+        check_positive("critic_rate", self.critic_rate)?;
+        check_share("discount", self.discount)?;
+        check_positive("tau", self.tau)?;
+        check_share("tau", self.tau)?;
+        if let NoiseProcess::OrnsteinUhlenbeck { theta } = self.noise {
+            check_share("theta", theta)?;
+        }
+        check_positive("policy_delay", self.policy_delay as f64)?;
+        check_not_negative("target_sigma", self.target_sigma)?;
+        check_not_negative("target_clip", self.target_clip)?;
+        check_not_negative("sigma", self.sigma)?;
+        check_not_negative("final_sigma", self.final_sigma.unwrap_or(0.0))?;
+        check_finite_setting("initial_value", self.initial_value.unwrap_or(0.0))?;
+        check_positive("gradient_clip", self.gradient_clip.unwrap_or(1.0))
+    }
+}

@@ -1,0 +1,126 @@
+//! Acting, valuing and learning.
+
+use actor_critic::{CriticStep, PolicyStep, check_unit};
+use rand::RngExt;
+use rand_distr::StandardNormal;
+use shield_api::{ActMode, Batch, Error, Learner, LearnerInfo, Result, check_finite};
+
+use crate::{Td3, plugin_error};
+
+impl Learner for Td3 {
+    fn info(&self) -> LearnerInfo {
+        LearnerInfo { members: self.config.critics, discount: self.config.discount }
+    }
+
+    fn act(&mut self, observation: &[f32], mode: ActMode, action: &mut [f32]) -> Result<()> {
+        self.agent.act(observation, mode == ActMode::Explore, action).map_err(plugin_error)
+    }
+
+    fn q_values(&mut self, observation: &[f32], action: &[f32], values: &mut [f32]) -> Result<()> {
+        self.agent.value(observation, action, values, None).map_err(plugin_error)
+    }
+
+    fn q_gradients(
+        &mut self,
+        observation: &[f32],
+        action: &[f32],
+        values: &mut [f32],
+        gradients: &mut [f32],
+    ) -> Result<()> {
+        self.agent.value(observation, action, values, Some(gradients)).map_err(plugin_error)
+    }
+
+    fn update(&mut self, batch: &Batch<'_>) -> Result<()> {
+        self.check_batch(batch)?;
+        self.agent.take_batch(batch.observations, batch.actions, batch.next_observations);
+        self.agent.choose_next_actions();
+        self.smooth_next_actions();
+        // Every policy_delay-th update, the actor learns and all target networks follow.
+        let actor_learns = (self.agent.critics.steps() + 1).is_multiple_of(self.config.policy_delay);
+        if actor_learns {
+            self.agent.choose_policy_actions();
+        }
+        let Self { config, agent, steps, .. } = self;
+        let (clip, buffers) = (config.gradient_clip, &agent.buffers);
+        let tau = if actor_learns { config.tau } else { 0.0 };
+
+        agent.critics.for_each_group(2, steps, |pair, step| {
+            let PolicyStep { critic: step, action_gradients } = step;
+            step.begin(batch.size, batch.masks, pair.index(), config.critics);
+            // yᵢ = r + γ c min(Q'ᵢ₁, Q'ᵢ₂)(s', ã)
+            step.targets.fill(f32::INFINITY);
+            for twin in 0..2 {
+                let mut critic = pair.member(twin);
+                let next_values = critic.target_values(&buffers.next_observations, &buffers.next_actions);
+                step.targets
+                    .iter_mut()
+                    .zip(next_values)
+                    .for_each(|(least, value)| *least = smaller(*least, *value));
+            }
+            for (row, target) in step.targets.iter_mut().enumerate() {
+                *target = batch.rewards[row] + config.discount * batch.continuations[row] * *target;
+            }
+            (step.loss, step.mean_value) = (0.0, 0.0);
+            for twin in 0..2 {
+                let mut critic = pair.member(twin);
+                critic.observe(&buffers.observations);
+                let mean_value = critic.values(&buffers.actions).iter().sum::<f32>() / batch.size as f32;
+                let (values, gradients) = critic.outputs();
+                let loss = config.loss.evaluate(values, &step.targets, &step.weights, gradients);
+                critic.backward(&buffers.observations, &buffers.actions);
+                if actor_learns && twin == 0 {
+                    // ∂Qᵢ₁/∂a at π(s), with the weights before their step: the observation's share is computed once.
+                    critic.values(&buffers.policy_actions);
+                    action_gradients.resize(buffers.policy_actions.len(), 0.0);
+                    critic.action_gradients(action_gradients);
+                }
+                if loss.is_finite() {
+                    critic.clipped_step(clip, &self.critic_optimiser, tau);
+                }
+                step.loss += 0.5 * loss;
+                step.mean_value += 0.5 * mean_value;
+            }
+        });
+        agent.critics.count_step();
+        CriticStep::check(steps.iter().map(|step| &step.critic)).map_err(plugin_error)?;
+
+        let (loss, value) = CriticStep::means(steps.iter().map(|step| &step.critic));
+        self.host.metric("critic_loss", loss);
+        self.host.metric("q_mean", value);
+        if actor_learns {
+            // The actor ascends the mean of the pairs' first values, over the batch.
+            let norm = agent.ascend(steps, &self.actor_optimiser, clip, tau).map_err(plugin_error)?;
+            self.host.metric("actor_gradient_norm", f64::from(norm));
+        }
+        Ok(())
+    }
+}
+
+/// The smaller of two values; NaN if one of them is, where `f32::min` would hide it.
+fn smaller(a: f32, b: f32) -> f32 {
+    if a < b || a.is_nan() { a } else { b }
+}
+
+impl Td3 {
+    /// Target smoothing: ã = π'(s') + clip(σ̃ N(0, 1), ±c), inside the box. The same for every pair.
+    pub(crate) fn smooth_next_actions(&mut self) {
+        let (sigma, clip) = (self.config.target_sigma, self.config.target_clip);
+        for action in &mut self.agent.buffers.next_actions {
+            let draw: f32 = self.agent.rng.sample(StandardNormal);
+            *action = (*action + (sigma * draw).clamp(-clip, clip)).clamp(-1.0, 1.0);
+        }
+    }
+
+    fn check_batch(&self, batch: &Batch<'_>) -> Result<()> {
+        let (size, observation_len) = (batch.size, self.agent.observation_len());
+        if size == 0 {
+            return Err(Error::invalid_argument("the batch is empty"));
+        }
+        check_finite("observations", batch.observations, size * observation_len)?;
+        check_finite("actions", batch.actions, size * self.agent.action_len())?;
+        check_finite("rewards", batch.rewards, size)?;
+        check_finite("next_observations", batch.next_observations, size * observation_len)?;
+        check_unit("continuations", batch.continuations, size).map_err(plugin_error)?;
+        check_unit("masks", batch.masks, size * self.config.critics).map_err(plugin_error)
+    }
+}

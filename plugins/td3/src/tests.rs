@@ -1,0 +1,154 @@
+use shield_api::{ActMode, Learner, Space, Spaces};
+
+use conformance::{SIZE, Settings, Transitions, act, learner, train, values};
+
+use crate::Td3;
+
+#[macro_use]
+#[path = "../../../tests/learners/conformance.rs"]
+mod conformance;
+#[macro_use]
+#[path = "../../../tests/learners/continuous.rs"]
+mod continuous;
+
+impl conformance::Subject for Td3 {
+    fn small() -> Settings {
+        continuous::small()
+    }
+
+    fn changes() -> Settings {
+        continuous::changes(&[
+            ("policy_delay", "3"),
+            ("target_sigma", "0.1"),
+            ("target_clip", "0.1"),
+            ("loss", "Huber"),
+        ])
+    }
+
+    fn impossible() -> Settings {
+        continuous::impossible(&[("policy_delay", "0"), ("target_sigma", "-0.1"), ("target_clip", "NaN")])
+    }
+
+    fn spaces() -> Spaces {
+        continuous::spaces()
+    }
+
+    fn impossible_actions() -> Vec<Space> {
+        continuous::impossible_actions()
+    }
+}
+
+conformance_tests!(Td3);
+continuous_tests!(Td3);
+
+/// What the twins' target networks say of a batch's next states and the given actions, pair by pair.
+fn target_values(learner: &mut Td3, transitions: &Transitions, actions: &[f32]) -> Vec<Vec<f32>> {
+    let critics = &mut learner.agent.critics;
+    (0..critics.members())
+        .map(|network| {
+            critics.member(network).target_values(&transitions.next_observations, actions).to_vec()
+        })
+        .collect()
+}
+
+#[test]
+fn targets_are_the_smaller_of_the_twins() {
+    let mut learner: Td3 = learner(&[("target_sigma", "0.0"), ("discount", "0.5"), ("tau", "0.5")]);
+    train(&mut learner, 0..20);
+    let transitions = Transitions::random::<Td3>(3, 99);
+    let actions = {
+        let mut actor = learner.agent.actor.member(0);
+        actor.target_values(&transitions.next_observations, &[]).to_vec()
+    };
+    let next_values = target_values(&mut learner, &transitions, &actions);
+    learner.update(&transitions.batch()).unwrap();
+    let mut smaller_twins = [0; 2];
+    for (pair, step) in learner.steps.iter().enumerate() {
+        for (row, target) in step.critic.targets.iter().enumerate() {
+            let twins = [next_values[2 * pair][row], next_values[2 * pair + 1][row]];
+            let least = twins[0].min(twins[1]);
+            smaller_twins[usize::from(least == twins[1])] += 1;
+            let expected = transitions.rewards[row] + 0.5 * transitions.continuations[row] * least;
+            assert!((target - expected).abs() < 1e-6);
+        }
+    }
+    assert!(smaller_twins.iter().all(|count| *count > 0), "one twin is always smaller: {smaller_twins:?}");
+}
+
+#[test]
+fn a_value_is_that_of_the_smaller_twin() {
+    let mut learner: Td3 = learner(&[("critic_rate", "1e-2")]);
+    train(&mut learner, 0..20);
+    let found = values(&mut learner);
+    // The action (1, 1) of the box in [-1, 1].
+    let twins: Vec<f32> = (0..6)
+        .map(|network| {
+            let mut critic = learner.agent.critics.member(network);
+            critic.observe(&[0.3, -0.2, 0.7]);
+            critic.values(&[0.5, 1.0])[0]
+        })
+        .collect();
+    for (pair, value) in found.into_iter().enumerate() {
+        assert_ne!(twins[2 * pair], twins[2 * pair + 1]);
+        assert_eq!(value, twins[2 * pair].min(twins[2 * pair + 1]));
+    }
+}
+
+#[test]
+fn the_actor_and_all_targets_move_at_every_delayed_update_only() {
+    let mut learner: Td3 = learner(&[("policy_delay", "3"), ("tau", "0.5")]);
+    let transitions = Transitions::random::<Td3>(3, 1);
+    let seen = |learner: &mut Td3| {
+        let greedy = act(learner, ActMode::Greedy);
+        let policy = learner.agent.actor.member(0).target_values(&[0.3, -0.2, 0.7], &[]).to_vec();
+        (greedy, policy, target_values(learner, &transitions, &[0.5; 2 * SIZE]))
+    };
+    let mut before = seen(&mut learner);
+    for update in 1..=9 {
+        let old_values = values(&mut learner);
+        train(&mut learner, update..update + 1);
+        assert_ne!(old_values, values(&mut learner), "the critics learn in every update");
+        let after = seen(&mut learner);
+        if update % 3 == 0 {
+            assert!(before.0 != after.0 && before.1 != after.1, "update {update}");
+            assert!(before.2.iter().zip(&after.2).all(|(before, after)| before != after), "update {update}");
+        } else {
+            assert_eq!(before, after, "update {update}");
+        }
+        before = after;
+    }
+}
+
+#[test]
+fn target_noise_has_its_size_its_bound_and_stays_in_the_box() {
+    let mut learner: Td3 = learner(&[("target_sigma", "0.2"), ("target_clip", "0.3")]);
+    learner.agent.buffers.next_actions = vec![0.0; 20_000];
+    learner.smooth_next_actions();
+    let noise = &learner.agent.buffers.next_actions;
+    let largest = noise.iter().fold(0.0_f32, |largest, x| largest.max(x.abs()));
+    assert_eq!(largest, 0.3);
+    // P(|N| > 1.5) = 0.1336.
+    let cut = noise.iter().filter(|x| x.abs() == 0.3).count() as f64 / 20_000.0;
+    assert!((cut - 0.1336).abs() < 0.01, "{cut}");
+    learner.agent.buffers.next_actions = vec![0.95; 20_000];
+    learner.smooth_next_actions();
+    let noise = &learner.agent.buffers.next_actions;
+    assert!(noise.iter().all(|x| (0.65..=1.0).contains(x)) && noise.contains(&1.0));
+}
+
+#[test]
+fn target_noise_changes_what_is_learned_and_no_noise_is_possible() {
+    let learned = |sigma: &str, clip: &str| {
+        let mut learner: Td3 = learner(&[("target_sigma", sigma), ("target_clip", clip)]);
+        train(&mut learner, 0..4);
+        values(&mut learner)
+    };
+    assert_eq!(learned("0.0", "0.5"), learned("5.0", "0.0"));
+    assert_ne!(learned("0.0", "0.5"), learned("0.2", "0.5"));
+}
+
+#[test]
+#[ignore = "a measurement: run with --release --nocapture --test-threads 1"]
+fn how_long_it_takes() {
+    continuous::print_how_long_it_takes::<Td3>("(random_steps: 0)");
+}

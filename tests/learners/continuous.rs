@@ -1,0 +1,198 @@
+//! Tests that every learner for a box of actions passes, beside those of `conformance.rs`; included in the same way.
+
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use shield_api::{ActMode, Batch, Host, PluginConfig, Setup, Space, Spaces};
+
+use super::conformance::{Settings, Subject, act, config, learner, train};
+
+/// The settings that these learners have in common, as [`Subject::small`] wants them.
+pub fn small() -> Settings {
+    vec![
+        ("critics", "3"),
+        ("actor_hidden", "[20, 15]"),
+        ("critic_hidden", "[20, 15]"),
+        ("random_steps", "1"),
+        ("final_sigma", "Some(0.02)"),
+        ("sigma_steps", "7"),
+    ]
+}
+
+/// The same for [`Subject::changes`].
+pub fn changes(own: &[(&'static str, &'static str)]) -> Settings {
+    let mut changes = vec![
+        ("critics", "4"),
+        ("actor_hidden", "[20, 16]"),
+        ("critic_hidden", "[20]"),
+        ("activation", "Relu"),
+        ("actor_rate", "2e-3"),
+        ("critic_rate", "3e-3"),
+        ("discount", "0.9"),
+        ("tau", "0.5"),
+        ("noise", "OrnsteinUhlenbeck(theta: 0.5)"),
+        ("sigma", "0.3"),
+        ("final_sigma", "Some(0.05)"),
+        ("sigma_steps", "5"),
+        ("random_steps", "2"),
+        ("initial_value", "Some(4.0)"),
+        ("gradient_clip", "Some(1e-8)"),
+        ("normalise_observations", "true"),
+    ];
+    changes.extend(own);
+    changes
+}
+
+/// The same for [`Subject::impossible`].
+pub fn impossible(own: &[(&'static str, &'static str)]) -> Settings {
+    let mut impossible = vec![
+        ("critics", "0"),
+        ("actor_hidden", "[]"),
+        ("critic_hidden", "[5, 0]"),
+        ("actor_rate", "0.0"),
+        ("critic_rate", "NaN"),
+        ("discount", "1.5"),
+        ("tau", "0.0"),
+        ("tau", "1.5"),
+        ("sigma", "-1.0"),
+        ("final_sigma", "Some(NaN)"),
+        ("noise", "OrnsteinUhlenbeck(theta: 2.0)"),
+        ("initial_value", "Some(inf)"),
+        ("gradient_clip", "Some(0.0)"),
+    ];
+    impossible.extend(own);
+    impossible
+}
+
+/// Observations without bounds; a box of actions that is neither symmetric nor square.
+pub fn spaces() -> Spaces {
+    let action = Space::Box { low: vec![-2.0, 0.0], high: vec![2.0, 1.0] };
+    Spaces { observation: Space::unbounded(3), action }
+}
+
+/// Action spaces with which a learner for boxes cannot work.
+pub fn impossible_actions() -> Vec<Space> {
+    vec![Space::Discrete { n: 4 }, Space::unbounded(2)]
+}
+
+pub fn actions_stay_in_their_box_however_loud_the_noise<L: Subject>() {
+    let mut learner: L = learner(&[("sigma", "5.0"), ("final_sigma", "None"), ("random_steps", "50")]);
+    let actions: Vec<_> = (0..200).map(|_| act(&mut learner, ActMode::Explore)).collect();
+    for action in &actions {
+        spaces().action.check_action(action).unwrap();
+    }
+    let is_inside = |action: &&Vec<f32>| action[0].abs() < 2.0 && action[1] > 0.0 && action[1] < 1.0;
+    assert_eq!(actions[..50].iter().filter(is_inside).count(), 50, "uniform actions reach the whole box");
+    assert!(actions[50..].iter().filter(is_inside).count() < 50, "loud noise reaches the bounds");
+}
+
+pub fn gradients_are_those_of_the_values<L: Subject>() {
+    let mut learner: L = learner(&[("critic_rate", "1e-2")]);
+    train(&mut learner, 0..60);
+    let (observation, action) = ([0.3, -0.2, 0.7], [0.5, 0.6]);
+    let (mut plain, mut valued, mut gradients) = ([0.0; 3], [0.0; 3], [0.0; 6]);
+    learner.q_values(&observation, &action, &mut plain).unwrap();
+    learner.q_gradients(&observation, &action, &mut valued, &mut gradients).unwrap();
+    assert_eq!(plain, valued);
+    assert!(gradients.iter().any(|x| x.abs() > 0.05), "{gradients:?}");
+    for dimension in 0..action.len() {
+        const H: f32 = 0.02;
+        let mut at = |shift: f32| {
+            let (mut moved, mut values) = (action, [0.0; 3]);
+            moved[dimension] += shift;
+            learner.q_values(&observation, &moved, &mut values).unwrap();
+            values
+        };
+        let (above, below) = (at(H), at(-H));
+        for member in 0..3 {
+            let expected = (above[member] - below[member]) / (2.0 * H);
+            let found = gradients[member * action.len() + dimension];
+            assert!((found - expected).abs() < 2e-3 + 0.01 * expected.abs(), "{found} against {expected}");
+        }
+    }
+}
+
+/// One step, reward −(a − 0.3)²: the value has its maximum at 0.3, and the actor must find it.
+pub fn the_best_action_of_one_step_is_found<L: Subject>() {
+    let spaces = Spaces { observation: Space::unbounded(1), action: Space::uniform(1, -1.0, 1.0) };
+    let config = config::<L>(&[("actor_rate", "3e-3"), ("critic_rate", "1e-2")]);
+    let setup = Setup::with_spaces(1, 1, Host::silent(), spaces);
+    let mut learner = L::create(L::Config::parse(&config).unwrap(), &setup).unwrap();
+    let mut rng = Pcg64::seed_from_u64(2);
+    for _ in 0..600 {
+        let actions: [f32; 32] = std::array::from_fn(|_| rng.random_range(-1.0..1.0));
+        learner
+            .update(&Batch {
+                size: 32,
+                observations: &[1.0; 32],
+                actions: &actions,
+                rewards: &actions.map(|a| -(a - 0.3).powi(2)),
+                next_observations: &[1.0; 32],
+                continuations: &[0.0; 32],
+                masks: &[1.0; 96],
+            })
+            .unwrap();
+    }
+    let mut action = [9.0];
+    learner.act(&[1.0], ActMode::Greedy, &mut action).unwrap();
+    assert!((action[0] - 0.3).abs() < 0.1, "{action:?}");
+    let mut values = [9.0; 3];
+    learner.q_values(&[1.0], &[-0.7], &mut values).unwrap();
+    assert!(values.iter().all(|value| (value + 1.0).abs() < 0.2), "{values:?} instead of −1");
+}
+
+/// A test for each function of this file.
+macro_rules! continuous_tests {
+    ($learner:ty) => {
+        conformance_tests! { $learner, continuous:
+            actions_stay_in_their_box_however_loud_the_noise,
+            gradients_are_those_of_the_values,
+            the_best_action_of_one_step_is_found,
+        }
+    };
+}
+
+/// A measurement for the README: what the calls cost with 20 members of the default size.
+pub fn print_how_long_it_takes<L: Subject>(config: &str) {
+    const SIZE: usize = 64;
+    let action = Space::uniform(6, -1.0, 1.0);
+    let spaces = Spaces { observation: Space::unbounded(18), action };
+    let mut rng = Pcg64::seed_from_u64(0);
+    let mut floats = |length| (0..length).map(|_| rng.random_range(0.0..1.0)).collect::<Vec<f32>>();
+    let (observations, actions, rewards) = (floats(SIZE * 18), floats(SIZE * 6), floats(SIZE));
+    let batch = Batch {
+        size: SIZE,
+        observations: &observations,
+        actions: &actions,
+        rewards: &rewards,
+        next_observations: &observations,
+        continuations: &[1.0; SIZE],
+        masks: &[1.0; SIZE * 20],
+    };
+    for threads in [1, 2] {
+        let setup = Setup::with_spaces(0, threads, Host::silent(), spaces.clone());
+        let mut learner = L::create(L::Config::parse(config).unwrap(), &setup).unwrap();
+        let (mut values, mut gradients, mut action) = ([0.0; 20], [0.0; 120], [0.0; 6]);
+        let mut report = |name: &str, repeats: usize, work: &mut dyn FnMut(&mut L)| {
+            let mut times: Vec<_> = (0..repeats)
+                .map(|_| {
+                    let start = std::time::Instant::now();
+                    work(&mut learner);
+                    start.elapsed()
+                })
+                .collect();
+            times.sort();
+            println!("{name}, {threads} threads: median {:?}, best {:?}", times[repeats / 2], times[0]);
+        };
+        let (observation, proposed) = (&observations[..18], &actions[..6]);
+        report("update", 200, &mut |learner| learner.update(&batch).unwrap());
+        report("act", 2000, &mut |learner| {
+            learner.act(observation, ActMode::Explore, &mut action).unwrap();
+        });
+        report("q_values", 2000, &mut |learner| {
+            learner.q_values(observation, proposed, &mut values).unwrap();
+        });
+        report("q_gradients", 2000, &mut |learner| {
+            learner.q_gradients(observation, proposed, &mut values, &mut gradients).unwrap();
+        });
+    }
+}
