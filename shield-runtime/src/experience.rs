@@ -5,7 +5,7 @@
 //! the start.
 
 use rand::{Rng, RngExt};
-use shield_api::{Batch, Spaces};
+use shield_api::{Batch, Error, Result, Spaces};
 
 /// One of the two agents.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -69,15 +69,15 @@ struct Shares {
 }
 
 impl Shares {
-    fn new(capacity: usize, members: usize, is_masked: bool) -> Self {
+    fn new(capacity: usize, members: usize, is_masked: bool) -> Result<Self> {
         let words = if is_masked { members.div_ceil(64) } else { 0 };
-        Self {
-            rewards: Vec::with_capacity(capacity),
-            continuations: Vec::with_capacity(capacity),
-            masks: Vec::with_capacity(capacity * words),
+        Ok(Self {
+            rewards: rows(capacity, 1)?,
+            continuations: rows(capacity, 1)?,
+            masks: rows(capacity, words)?,
             words,
             members,
-        }
+        })
     }
 }
 
@@ -99,23 +99,32 @@ pub struct Experience {
 
 impl Experience {
     /// An empty memory. `members` are the ensemble sizes of the forward and of the reset agent (0 where there is none).
-    pub fn new(capacity: usize, spaces: &Spaces, members: [usize; 2], bootstrap_probability: f64) -> Self {
+    ///
+    /// # Errors
+    /// The memory does not have that much room.
+    pub fn new(
+        capacity: usize,
+        spaces: &Spaces,
+        members: [usize; 2],
+        bootstrap_probability: f64,
+    ) -> Result<Self> {
         let is_masked = bootstrap_probability < 1.0;
         let (observation_len, action_len) = (spaces.observation_len(), spaces.action_len());
-        let shares = members.map(|members| Shares::new(capacity, members, is_masked));
+        let [forward, reset] = members.map(|members| Shares::new(capacity, members, is_masked));
+        let shares = [forward?, reset?];
         let words = shares.iter().map(|share| share.words).max().unwrap_or(0);
-        Self {
+        Ok(Self {
             capacity,
             observation_len,
             action_len,
             bootstrap_probability,
             next: 0,
-            observations: Vec::with_capacity(capacity * observation_len),
-            actions: Vec::with_capacity(capacity * action_len),
-            next_observations: Vec::with_capacity(capacity * observation_len),
+            observations: rows(capacity, observation_len)?,
+            actions: rows(capacity, action_len)?,
+            next_observations: rows(capacity, observation_len)?,
             shares,
             mask: vec![0; words],
-        }
+        })
     }
 
     /// How many transitions are kept.
@@ -177,6 +186,15 @@ impl Experience {
         }
         buffers.as_batch()
     }
+}
+
+/// Room for `capacity` rows, reserved now so that a step never allocates. The system gives the memory when it is first written.
+fn rows<T>(capacity: usize, length: usize) -> Result<Vec<T>> {
+    let mut rows = Vec::new();
+    rows.try_reserve_exact(capacity.saturating_mul(length)).map_err(|_| {
+        Error::failed(format!("there is no memory for {capacity} transitions; choose a smaller capacity"))
+    })?;
+    Ok(rows)
 }
 
 /// Writes a row over an existing one, or appends it.
@@ -265,7 +283,7 @@ mod tests {
     #[test]
     fn each_agent_gets_its_own_reward_and_continuation() {
         let mut rng = Pcg64::seed_from_u64(0);
-        let mut experience = Experience::new(10, &spaces(), [1, 1], 1.0);
+        let mut experience = Experience::new(10, &spaces(), [1, 1], 1.0).unwrap();
         push(&mut experience, 3.0, &mut rng);
         let mut buffers = BatchBuffers::new(4, &spaces(), 1);
         let forward = experience.sample(AgentRole::Forward, &mut buffers, &mut rng);
@@ -276,9 +294,16 @@ mod tests {
     }
 
     #[test]
+    fn a_memory_without_room_is_refused() {
+        for capacity in [usize::MAX, usize::MAX / 8] {
+            assert!(Experience::new(capacity, &spaces(), [1, 1], 1.0).is_err());
+        }
+    }
+
+    #[test]
     fn a_full_memory_forgets_the_oldest() {
         let mut rng = Pcg64::seed_from_u64(1);
-        let mut experience = Experience::new(3, &spaces(), [1, 1], 1.0);
+        let mut experience = Experience::new(3, &spaces(), [1, 1], 1.0).unwrap();
         for value in 0..7 {
             push(&mut experience, value as f32, &mut rng);
         }
@@ -295,7 +320,7 @@ mod tests {
     fn bootstrap_masks_are_drawn_per_member_and_stay_with_their_transition() {
         let mut rng = Pcg64::seed_from_u64(2);
         let members = 70;
-        let mut experience = Experience::new(1, &spaces(), [members, 1], 0.5);
+        let mut experience = Experience::new(1, &spaces(), [members, 1], 0.5).unwrap();
         push(&mut experience, 1.0, &mut rng);
         let mut buffers = BatchBuffers::new(2, &spaces(), members);
         let first = experience.sample(AgentRole::Forward, &mut buffers, &mut rng).masks.to_vec();

@@ -94,29 +94,26 @@ impl<'a> JointLoop<'a> {
     /// A plugin or the observer failed. Nothing was executed that was not decided before.
     pub fn run(&mut self) -> anyhow::Result<bool> {
         let mode = self.settings.mode.clone();
-        if !matches!(mode, Mode::ResetOnly { .. }) {
-            self.place_at(None)?;
-        }
+        self.place()?;
         while !self.is_over() {
             match &mode {
                 Mode::Shielded => self.forward_then_reset()?,
                 Mode::StatusQuo => {
                     let episode = self.forward_episode()?;
-                    self.close(episode, true)?;
+                    self.close(episode, !episode.end.is_cut())?;
                 }
                 Mode::ForwardOnly => {
                     let episode = self.forward_episode()?;
                     self.close(episode, episode.end == EpisodeEnd::Terminated)?;
                 }
-                Mode::ResetOnly { start } => {
-                    self.counters.hard_resets += 1;
-                    self.place_at(start.as_deref())?;
+                Mode::ResetOnly { .. } => {
                     let episode = self.reset_episode()?;
-                    self.close(episode, false)?;
+                    self.close(episode, !episode.end.is_cut())?;
                 }
             }
         }
-        if self.settings.evaluate_every.is_some() && self.last_evaluation != Some(self.counters.steps) {
+        let has_evaluated = self.last_evaluation == Some(self.counters.steps);
+        if self.settings.evaluate_every.is_some() && !has_evaluated && !self.is_stopped() {
             self.evaluate()?;
         }
         Ok(self.is_stopped())
@@ -129,7 +126,7 @@ impl<'a> JointLoop<'a> {
         self.close(episode, is_terminated)?;
         while !is_terminated && !self.is_over() {
             let attempt = self.reset_episode()?;
-            if matches!(attempt.end, EpisodeEnd::Budget | EpisodeEnd::Interrupted) {
+            if attempt.end.is_cut() {
                 return self.close(attempt, false);
             }
             self.failed_attempts = if attempt.has_reset { 0 } else { self.failed_attempts + 1 };
@@ -242,6 +239,7 @@ impl<'a> JointLoop<'a> {
             projection,
             reason: failure.unwrap_or(shield.reason()),
         })?;
+        anyhow::ensure!(!shield.is_broken(), "the shield cannot decide any more: {}", shield.reason());
         Ok(projection.is_none().then_some(rejection))
     }
 
@@ -337,13 +335,12 @@ impl<'a> JointLoop<'a> {
         self.observer.on_evaluation(&record)
     }
 
-    /// Ends an episode: the hard reset that may follow it, and the report of both.
+    /// Ends an episode: the report, and the hard reset that may follow it.
     fn close(&mut self, mut episode: EpisodeRecord, hard_reset: bool) -> anyhow::Result<()> {
         episode.hard_reset = hard_reset;
         self.counters.hard_resets += u64::from(hard_reset);
         if hard_reset {
             self.failed_attempts = 0;
-            self.place_at(None)?;
         }
         self.observer.on_episode(&episode, &self.counters)?;
         let (step, observer) = (self.counters.steps, &mut self.observer);
@@ -353,10 +350,16 @@ impl<'a> JointLoop<'a> {
                 taken = observer.on_metric(step, name, mean);
             }
         });
-        taken
+        taken?;
+        if hard_reset { self.place() } else { Ok(()) }
     }
 
-    fn place_at(&mut self, start: Option<&str>) -> anyhow::Result<()> {
+    /// A hard reset, to the start that the mode names.
+    fn place(&mut self) -> anyhow::Result<()> {
+        let start = match &self.settings.mode {
+            Mode::ResetOnly { start } => start.as_deref(),
+            Mode::Shielded | Mode::StatusQuo | Mode::ForwardOnly => None,
+        };
         self.world.hard_reset(start, self.randomness.resets.next_u64())?;
         self.was_irreversible = false;
         self.has_previous = false;

@@ -27,6 +27,13 @@ pub enum EpisodeEnd {
     Interrupted,
 }
 
+impl EpisodeEnd {
+    /// The run ended, not the episode.
+    pub fn is_cut(self) -> bool {
+        matches!(self, Self::Budget | Self::Interrupted)
+    }
+}
+
 /// One finished episode of either agent.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EpisodeRecord {

@@ -15,8 +15,8 @@ mod search_path;
 
 pub use error::PluginError;
 pub use ffi::{
-    LoadedAbortRule, LoadedEnvironment, LoadedLearner, LoadedPolicy, LoadedResetTask, drain_metrics, host,
-    in_metric_scope,
+    LoadedAbortRule, LoadedEnvironment, LoadedLearner, LoadedPolicy, LoadedResetTask, clear_metrics,
+    drain_metrics, host, in_metric_scope,
 };
 pub use library::Library;
 pub use manifest::read_manifests;

@@ -67,8 +67,9 @@ impl Shield {
         let mut decision = self.decide(reset_agent, moment, action, true);
         let observed = ObservedDecision { step: moment.step, aborted: decision.abort().is_some(), action };
         let told = self.jury.observe(&observed);
-        if let (Err(error), None) = (told, decision.abort()) {
+        if let Err(error) = told {
             decision = Decision::Abort(self.why.failed(Cause::RuleFailed, &error));
+            self.why.is_final = true;
             self.make_safe(reset_agent, moment.observation, action);
         }
         decision
@@ -82,6 +83,12 @@ impl Shield {
         action: &mut [f32],
     ) -> Decision {
         self.decide(reset_agent, moment, action, false)
+    }
+
+    /// Whether a plugin that the shield needs panicked, or a rule did not take note of a decision: from then on every decision would be an
+    /// abort for the wrong reason, and a run must end.
+    pub fn is_broken(&self) -> bool {
+        self.why.is_final
     }
 
     /// Why the last action was rejected, for a person; empty if it was not.

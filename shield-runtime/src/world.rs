@@ -69,11 +69,12 @@ impl World {
         }
     }
 
-    /// Executes an action.
+    /// Executes an action of the action space; refuses every other, whoever proposed it.
     ///
     /// # Errors
-    /// The environment or the reset task failed, or gave a number that is not finite.
+    /// The action is not one. The environment or the reset task failed, or gave a number that is not finite.
     pub fn step(&mut self, action: &[f32]) -> Result<StepOutcome> {
+        self.spec.spaces.action.check_action(action)?;
         let mut outcome = self.environment.step(action, &mut self.next_observation)?;
         check_finite("the observation after a step", &self.next_observation, self.observation.len())?;
         if let Some(task) = &mut self.reset_task {

@@ -7,7 +7,7 @@ mod common;
 use common::{EPISODE, Line, PIT, Rule, Scene, Scripted, forward_learner, spaces};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use shield_api::{ActMode, Error, RuleVerdict};
+use shield_api::{ActMode, Error, ErrorKind, RuleVerdict};
 use shield_runtime::{
     agent::ForwardAgent,
     evaluation::Evaluator,
@@ -307,6 +307,33 @@ fn evaluation_uses_another_instance_and_counts_apart() {
     scene.evaluator = Some(evaluator(Line::new(), Some(shield), EvaluatedAgent::Forward, None));
     let (_, notebook) = scene.run();
     assert_eq!(notebook.evaluations[0].irreversible_entries, 0, "a shielded evaluation does not fall");
+}
+
+#[test]
+fn a_rule_that_panicked_ends_the_run_and_its_action_is_not_executed() {
+    let mut scene = Scene::new(100);
+    scene.rules = vec![Rule::judging(|context| match context.step {
+        0..4 => Ok(RuleVerdict::from_safe(true, 1.0)),
+        _ => Err(Error::new(ErrorKind::Panicked, "index out of bounds")),
+    })];
+    let log = scene.line.log.clone();
+    let mut notebook = common::Notebook::default();
+    let error = scene.run_with(&mut notebook).unwrap_err();
+    assert!(error.to_string().contains("index out of bounds"), "{error}");
+    assert_eq!((log.lock().unwrap().len(), notebook.interventions.len()), (4, 1));
+}
+
+#[test]
+fn an_action_outside_the_space_is_not_executed_in_any_mode() {
+    for mode in [Mode::StatusQuo, Mode::ForwardOnly, Mode::ResetOnly { start: None }] {
+        let mut scene = Scene::new(100);
+        scene.settings.mode = mode;
+        scene.forward = forward_learner(Scripted::acting(|_, _| 1.5));
+        scene.reset = Some(Scripted::acting(|_, _| 1.5));
+        let log = scene.line.log.clone();
+        assert!(scene.run_with(&mut common::Notebook::default()).is_err());
+        assert!(log.lock().unwrap().is_empty());
+    }
 }
 
 /// A million steps with a policy that proposes anything, NaN included, and rules that reject at random: in forward

@@ -434,7 +434,8 @@ fn a_projection_is_missing_from_the_results_of_a_run() {
     let identity = Identity { experiment: "e".into(), variant: "v".into(), seed: 0 };
     let run = RunFolder::new(folder.path(), &identity);
     run.create("()", false).unwrap();
-    let mut recorder = Recorder::new(run.clone(), identity, vec!["r".into()], 1.0).unwrap().with_deadline();
+    let mut recorder =
+        Recorder::new(run.clone(), identity, vec!["r".into()], 1.0).unwrap().deterministic(false);
     let rejection = Abort { cause: Cause::Rejected, rule: Some(0), score: -1.0 };
     let projection = Projection { kind: ProjectionKind::Qp, iterations: 2, distance: 0.5, rejection };
     let row = Intervention {
@@ -452,7 +453,7 @@ fn a_projection_is_missing_from_the_results_of_a_run() {
         .on_intervention(&Intervention { abort: infeasible, projection: None, executed: None, ..row })
         .unwrap();
     let counters = Counters { projections: 3, ..Counters::default() };
-    let summary = recorder.finish(&counters, 10, 1.0).unwrap();
+    let summary = recorder.finish(&counters, 10, 1.0, None).unwrap();
     assert_eq!((summary.projections, summary.deterministic), (3, false));
     let table = std::fs::read_to_string(run.path().join("interventions.csv")).unwrap();
     let expected = "\

@@ -1,6 +1,6 @@
 //! What a step costs: the filter with 20 critics against their bare valuation, and the environment against raw `mj_step`.
 
-use std::hint::black_box;
+use std::{fs, hint::black_box};
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use mujoco_rs::prelude::{MjData, MjModel};
@@ -51,9 +51,10 @@ fn filter(criterion: &mut Criterion) {
 
 /// A control step through the plugin against the same substeps of MuJoCo alone.
 fn step(criterion: &mut Criterion) {
-    let mut group = criterion.benchmark_group("cliff-cheetah, 5 substeps");
-    let xml = workspace().join("envs/mujoco/src/cliff_cheetah.xml");
-    let model = MjModel::from_xml(xml).expect("a model");
+    let mut group = criterion.benchmark_group("half-cheetah on a plane, 5 substeps");
+    let robot = fs::read_to_string(workspace().join("envs/mujoco/src/half_cheetah.xml")).expect("a model");
+    let plane = r#"<worldbody><geom type="plane" size="40 40 40" conaffinity="1"/></worldbody></mujoco>"#;
+    let model = MjModel::from_xml_string(&robot.replace("</mujoco>", plane)).expect("a model");
     let mut data = MjData::new(&model);
     group.bench_function("raw mj_step", |bencher| {
         bencher.iter(|| {
@@ -62,7 +63,7 @@ fn step(criterion: &mut Criterion) {
             }
         });
     });
-    let mut cheetah = environment("mujoco/cliff-cheetah");
+    let mut cheetah = environment("mujoco/half-cheetah");
     let mut observation = vec![0.0; cheetah.spec().spaces.observation_len()];
     cheetah.reset(0, &mut observation).expect("a reset");
     let action = vec![0.0; cheetah.spec().spaces.action_len()];

@@ -142,6 +142,8 @@ fn wrong_input_is_refused_with_its_place() {
     refused(&good, &["--set", "shield.warm_up_step=3"], &["--set shield.warm_up_step=3"]);
     refused(&good, &["--variants", "q"], &["default"]);
     refused("Experiment(", &[], &["x.ron:1:"]);
+    refused(&gridworld(100, "mode: ResetOnly(strat: None),"), &[], &["x.ron:14:", "strat"]);
+    refused(&good, &["--set", "experience.capacity=1152921504606846976"], &["no memory", "capacity"]);
     let discrete = good.replace("warm_up_steps", "projection: Qp(), warm_up_steps");
     refused(&discrete, &[], &["x.ron:10:", "actions are discrete", "`Replace` works here"]);
     let override_of_b = r#"variants: {"a": [], "b": [("shield.rules[0].config.q_min", "x")]},"#;

@@ -54,6 +54,14 @@ fn a_run_with_networks_does_not_depend_on_threads() {
 }
 
 #[test]
+fn a_run_before_on_the_same_thread_leaves_nothing_behind() {
+    let variants = r#"variants: {"other": [("mode", ResetOnly())], "default": []},"#;
+    let alone = run(&cart(500, variants), &["--variants", "default"], 0);
+    let after = run(&cart(500, variants), &["--jobs", "1"], 0);
+    assert!(alone == after, "the run differs after another");
+}
+
+#[test]
 fn runs_at_the_same_time_do_not_disturb_each_other() {
     let alone = run(&gridworld(3_000, ""), &["--seeds", "1", "--jobs", "1"], 1);
     let together = run(&gridworld(3_000, ""), &["--seeds", "0,1,2,3", "--jobs", "4"], 1);

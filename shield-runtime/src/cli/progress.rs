@@ -16,6 +16,7 @@ const EVERY: u64 = 64;
 pub struct Progress {
     bar: ProgressBar,
     last_return: f64,
+    has_evaluation: bool,
 }
 
 impl Progress {
@@ -31,7 +32,7 @@ impl Progress {
         });
         let bar = display.add(ProgressBar::new(steps).with_style(style).with_prefix(name));
         bar.enable_steady_tick(Duration::from_millis(500));
-        Self { bar, last_return: f64::NAN }
+        Self { bar, last_return: f64::NAN, has_evaluation: false }
     }
 
     /// Takes the line away.
@@ -54,13 +55,14 @@ impl Observer for Progress {
     }
 
     fn on_episode(&mut self, episode: &EpisodeRecord, _counters: &Counters) -> Result<()> {
-        if episode.role == AgentRole::Forward && self.last_return.is_nan() {
+        if episode.role == AgentRole::Forward && !self.has_evaluation {
             self.last_return = episode.forward_return;
         }
         Ok(())
     }
 
     fn on_evaluation(&mut self, evaluation: &EvaluationRecord) -> Result<()> {
+        self.has_evaluation = true;
         self.last_return = evaluation.mean_return;
         Ok(())
     }

@@ -2,6 +2,7 @@
 
 use std::{
     collections::VecDeque,
+    panic::{AssertUnwindSafe, catch_unwind},
     path::PathBuf,
     sync::{
         Mutex, PoisonError,
@@ -9,14 +10,15 @@ use std::{
     },
 };
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, anyhow};
 use clap::Args;
 use indicatif::MultiProgress;
+use shield_api::manifest::Manifest;
 use shield_runtime::{
-    experiment::{ExperimentFile, Mode, Override, Variant},
+    experiment::{Experiment, ExperimentFile, Override, PluginChoice, Variant},
     joint_loop::JointLoop,
     observer::Fanout,
-    plugin::Registry,
+    plugin::{Registry, clear_metrics, read_manifests},
     run::{Identity, Recorder, RunFolder, Summary, prepare},
 };
 
@@ -169,7 +171,8 @@ fn run_all(session: &Session<'_>, jobs: VecDeque<Job<'_>>, workers: usize) -> (V
         for _ in 0..workers {
             scope.spawn(|| {
                 while let Some(job) = next(&queue) {
-                    let outcome = run_one(session, &job);
+                    let outcome = catch_unwind(AssertUnwindSafe(|| run_one(session, &job)))
+                        .unwrap_or_else(|_| Err(anyhow!("the shield itself panicked; please report it")));
                     let mut outcomes = outcomes.lock().unwrap_or_else(PoisonError::into_inner);
                     match outcome {
                         Ok(summary) => outcomes.0.push(summary),
@@ -193,22 +196,24 @@ fn run_one(session: &Session<'_>, job: &Job<'_>) -> Result<Summary> {
     let Job { variant, identity, folder } = job;
     let experiment = &variant.experiment;
     let prepared = prepare(session.registry, variant, identity.seed)?;
+    let manifests = manifests(session.registry, experiment);
     let fields_of = |id: &str| {
-        let entries = session.registry.entries();
-        let fields = entries.iter().find(|entry| entry.manifest.id == id).map(|entry| &entry.manifest.fields);
+        let fields = manifests.iter().find(|manifest| manifest.id == id).map(|manifest| &manifest.fields);
         fields.into_iter().flatten().map(|field| (field.name.clone(), field.default.clone())).collect()
     };
     folder.create(&variant.resolved_ron(identity.seed, &fields_of), session.overwrite)?;
     let rules = experiment.shield.rules.iter().map(|rule| rule.plugin.clone()).collect();
     let solved_at = experiment.evaluation.as_ref().map_or(1.0, |evaluation| evaluation.solved_at);
-    let mut recorder = Recorder::new(folder.clone(), identity.clone(), rules, solved_at)
-        .inspect_err(|_| folder.discard())?;
-    if experiment.shield.deadline_us.is_some() && experiment.mode == Mode::Shielded {
-        recorder = recorder.with_deadline();
-    }
+    let is_deterministic =
+        experiment.shield.deadline_us.is_none() && manifests.iter().all(|manifest| manifest.deterministic);
+    let recorder = Recorder::new(folder.clone(), identity.clone(), rules, solved_at)
+        .inspect_err(|_| folder.discard())?
+        .deterministic(is_deterministic);
     let name = format!("{} seed {}", identity.variant, identity.seed);
     let progress = Progress::new(&session.display, name.clone(), experiment.steps);
 
+    // A run that came before on this thread leaves nothing to this one.
+    clear_metrics();
     let mut observer = Fanout(recorder, progress);
     let mut joint =
         JointLoop::new(prepared.settings, prepared.participants, prepared.randomness, &mut observer, &STOP);
@@ -217,7 +222,26 @@ fn run_one(session: &Session<'_>, job: &Job<'_>) -> Result<Summary> {
     drop(joint);
     let Fanout(recorder, progress) = observer;
     progress.finish();
-    let summary = recorder.finish(&counters, experiment.steps, experiment.hard_reset_cost);
-    ran.with_context(|| format!("{name} failed after {} steps", counters.steps))?;
-    summary
+    let ran = ran.with_context(|| format!("{name} failed after {} steps", counters.steps));
+    let error = ran.as_ref().err().map(|error| format!("{error:#}"));
+    let summary = recorder.finish(&counters, experiment.steps, experiment.hard_reset_cost, error);
+    if ran.is_err() && counters.steps == 0 {
+        folder.discard();
+    }
+    ran.and(summary)
+}
+
+/// The manifests of every plugin that the experiment names, from the file that it is loaded from.
+fn manifests(registry: &Registry, experiment: &Experiment) -> Vec<Manifest> {
+    let of_choice = |choice: &PluginChoice| match &choice.path {
+        Some(path) => {
+            let manifests = read_manifests(path).unwrap_or_default();
+            manifests.into_iter().find(|manifest| manifest.id == choice.plugin)
+        }
+        None => {
+            let mut entries = registry.entries().iter();
+            entries.find(|entry| entry.manifest.id == choice.plugin).map(|entry| entry.manifest.clone())
+        }
+    };
+    experiment.plugins().into_iter().filter_map(|(_, choice)| of_choice(choice)).collect()
 }

@@ -79,6 +79,7 @@ fn one_thread() -> usize {
 
 /// Who acts, and when the world is reset.
 #[derive(Debug, Clone, PartialEq, Eq, Default, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
 pub enum Mode {
     /// The paper's method: both agents alternate, the shield decides, hard resets after failed attempts only.
     #[default]

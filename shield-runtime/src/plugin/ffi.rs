@@ -16,7 +16,7 @@ mod reset_task;
 
 pub use abort_rule::LoadedAbortRule;
 pub use environment::LoadedEnvironment;
-pub use host::{drain_metrics, host, in_metric_scope};
+pub use host::{clear_metrics, drain_metrics, host, in_metric_scope};
 pub use learner::LoadedLearner;
 pub use policy::LoadedPolicy;
 pub use reset_task::LoadedResetTask;

@@ -101,8 +101,10 @@ impl Builder<'_> {
             reset.as_ref().map_or(0, |reset| reset.info().members),
         ];
         let sampler = generator(self.seed, Stream::ResetBatches);
+        let experience = Experience::new(config.capacity, &spaces, members, config.bootstrap_probability)
+            .map_err(|error| self.refused("experience.capacity", &error))?;
         let participants = Participants {
-            experience: Experience::new(config.capacity, &spaces, members, config.bootstrap_probability),
+            experience,
             reset: reset.map(|reset| Agent::new(AgentRole::Reset, reset, config.batch, &spaces, sampler)),
             world,
             forward,

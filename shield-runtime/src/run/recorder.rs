@@ -55,7 +55,11 @@ impl RunFolder {
             }
             fs::remove_dir_all(path).with_context(|| format!("{} cannot be removed", path.display()))?;
         }
-        fs::create_dir_all(path).with_context(|| format!("{} cannot be created", path.display()))?;
+        // The folder itself must be new: another process may have made it meanwhile.
+        path.parent()
+            .map_or(Ok(()), fs::create_dir_all)
+            .and_then(|()| fs::create_dir(path))
+            .with_context(|| format!("{} cannot be created", path.display()))?;
         let written = write_whole(&path.join("config.ron"), config.as_bytes());
         if written.is_err() {
             self.discard();
@@ -169,10 +173,10 @@ impl Recorder {
         })
     }
 
-    /// For a run whose decisions have a deadline: the summary says that it is not deterministic.
+    /// What the summary says of a repetition: whether it would give the same.
     #[must_use]
-    pub fn with_deadline(mut self) -> Self {
-        self.deterministic = false;
+    pub fn deterministic(mut self, is_deterministic: bool) -> Self {
+        self.deterministic = is_deterministic;
         self
     }
 
@@ -190,17 +194,25 @@ impl Recorder {
         Ok(())
     }
 
-    /// Writes what is left and `summary.json`.
+    /// Writes what is left and `summary.json`, with the `error` of a run that failed.
     ///
     /// # Errors
     /// A file cannot be written.
-    pub fn finish(mut self, counters: &Counters, budget: u64, cost_of_hard_reset: f64) -> Result<Summary> {
+    pub fn finish(
+        mut self,
+        counters: &Counters,
+        budget: u64,
+        cost_of_hard_reset: f64,
+        error: Option<String>,
+    ) -> Result<Summary> {
         self.flush()?;
         let seconds = self.start.elapsed().as_secs_f64();
         let quantile = |q| {
             (!self.decision_ns.is_empty()).then(|| self.decision_ns.value_at_quantile(q) as f64 / 1_000.0)
         };
         let summary = Summary {
+            complete: error.is_none() && counters.steps >= budget,
+            error,
             rejected_by_cause: self.causes,
             final_return: self.results.last.map(|last| last.mean_return),
             best_return: self.results.best_return,

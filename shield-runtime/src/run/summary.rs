@@ -26,8 +26,10 @@ pub struct Summary {
     pub variant: String,
     /// Seed.
     pub seed: u64,
-    /// Whether all steps of the experiment were made.
+    /// Whether all steps of the experiment were made, and nothing failed.
     pub complete: bool,
+    /// Why the run failed, if it did.
+    pub error: Option<String>,
     /// Environment steps of both phases.
     pub steps: u64,
     /// Those of forward episodes.
@@ -118,6 +120,7 @@ impl Summary {
             variant: identity.variant.clone(),
             seed: identity.seed,
             complete: counters.steps >= budget,
+            error: None,
             steps: counters.steps,
             forward_steps: counters.forward_steps,
             forward_episodes: counters.forward_episodes,

@@ -2,7 +2,7 @@
 
 use std::fmt::{Display, Write};
 
-use shield_api::Reason;
+use shield_api::{ErrorKind, Reason};
 
 use crate::decision::{Abort, Cause};
 
@@ -12,11 +12,13 @@ const CAPACITY: usize = 480;
 pub(super) struct Explanation {
     buffer: [u8; CAPACITY],
     length: usize,
+    /// Something that was asked will never answer again.
+    pub is_final: bool,
 }
 
 impl Explanation {
     pub fn new() -> Self {
-        Self { buffer: [0; CAPACITY], length: 0 }
+        Self { buffer: [0; CAPACITY], length: 0, is_final: false }
     }
 
     pub fn clear(&mut self) {
@@ -47,6 +49,7 @@ impl Explanation {
     pub fn failed(&mut self, cause: Cause, error: &shield_api::Error) -> Abort {
         self.clear();
         self.append(error);
+        self.is_final |= error.kind() == ErrorKind::Panicked;
         Abort::without_rule(cause)
     }
 }

@@ -114,7 +114,8 @@ impl Jury {
     }
 
     pub fn observe(&mut self, decision: &ObservedDecision<'_>) -> Result<()> {
-        self.rules.iter_mut().try_for_each(|rule| rule.observe(decision))
+        // Every rule is told, whatever another answers.
+        self.rules.iter_mut().map(|rule| rule.observe(decision)).fold(Ok(()), Result::and)
     }
 
     fn context<'a>(&'a self, moment: &Moment<'a>, proposed: &'a [f32]) -> RuleContext<'a> {

@@ -309,7 +309,7 @@ impl Scene {
             reset: self.reset.map(|reset| agent(AgentRole::Reset, reset)),
             shield,
             evaluator: self.evaluator,
-            experience: Experience::new(1, &spaces(), members, self.bootstrap_probability),
+            experience: Experience::new(1, &spaces(), members, self.bootstrap_probability).unwrap(),
         };
         let randomness = LoopRandomness { resets: Pcg64::seed_from_u64(2), masks: Pcg64::seed_from_u64(3) };
         let mut joint = JointLoop::new(self.settings, participants, randomness, observer, &stop);

@@ -36,7 +36,7 @@ fn allocations_per_run(environment: &str, q_min: &str) -> (u64, usize) {
     let mut shield = Shield::new(rules, &reset, settings).unwrap();
     let mut world = World::new(Box::new(environment), None).unwrap();
     world.hard_reset(None, 0).unwrap();
-    let mut experience = Experience::new(STEPS / 2, &spaces, [20, 20], 0.5);
+    let mut experience = Experience::new(STEPS / 2, &spaces, [20, 20], 0.5).unwrap();
     let mut masks = Pcg64::new(1, 2);
     let mut action = vec![0.0; spaces.action_len()];
     let mut aborts = 0;

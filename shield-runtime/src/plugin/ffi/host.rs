@@ -61,6 +61,11 @@ pub fn drain_metrics(take: &mut impl FnMut(&str, f64)) {
     });
 }
 
+/// Forgets every figure and name on this thread: for the beginning of a run.
+pub fn clear_metrics() {
+    METRICS.with_borrow_mut(Vec::clear);
+}
+
 unsafe extern "C" fn write_log(level: u32, message: Text) {
     let level = match level {
         1 => log::Level::Error,
