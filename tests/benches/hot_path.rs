@@ -56,19 +56,34 @@ fn step(criterion: &mut Criterion) {
     let plane = r#"<worldbody><geom type="plane" size="40 40 40" conaffinity="1"/></worldbody></mujoco>"#;
     let model = MjModel::from_xml_string(&robot.replace("</mujoco>", plane)).expect("a model");
     let mut data = MjData::new(&model);
+    // Both fall from the same state and begin anew after 100 control steps, so that they meet the same contacts.
+    let mut steps = 0_u32;
     group.bench_function("raw mj_step", |bencher| {
         bencher.iter(|| {
+            steps += 1;
+            if steps.is_multiple_of(100) {
+                data.reset();
+            }
             for _ in 0..5 {
                 data.step();
             }
         });
     });
-    let mut cheetah = environment("mujoco/half-cheetah");
+    let mut cheetah = registry()
+        .environment(&Selection::new("mujoco/half-cheetah"), "(start_noise: 0.0)", &Setup::new(0, 1, host()))
+        .expect("an environment");
     let mut observation = vec![0.0; cheetah.spec().spaces.observation_len()];
     cheetah.reset(0, &mut observation).expect("a reset");
     let action = vec![0.0; cheetah.spec().spaces.action_len()];
+    let mut steps = 0_u32;
     group.bench_function("through the plugin", |bencher| {
-        bencher.iter(|| cheetah.step(black_box(&action), &mut observation));
+        bencher.iter(|| {
+            steps += 1;
+            if steps.is_multiple_of(100) {
+                cheetah.reset(0, &mut observation).expect("a reset");
+            }
+            cheetah.step(black_box(&action), &mut observation)
+        });
     });
     group.finish();
 
