@@ -28,7 +28,7 @@ const EXAMPLES: &str = "\
 Examples:
   shield run examples/quickstart.ron                       run every variant with every seed
   shield run examples/gridworld.ron --seeds 0 --variants q_min-0.4
-  shield run my.ron --set shield.rules[0].config.q_min=5 --out /tmp/runs
+  shield run my.ron --set shield.rules[0].config.q_min=5 --out elsewhere
   shield plugin list                                       what can be named in an experiment
 
 Exit codes: 0 done, 1 a run failed, 2 the input is wrong, 130 stopped by Ctrl-C.";
