@@ -9,8 +9,6 @@ mod life;
 
 pub use kinds::{abort_rule, environment, learner, policy, reset_task};
 
-use crate::manifest::ManifestParts;
-
 /// Names of the kinds as the manifest writes them.
 #[doc(hidden)]
 pub const fn kind_name(macro_name: &'static str) -> &'static str {
@@ -19,16 +17,6 @@ pub const fn kind_name(macro_name: &'static str) -> &'static str {
         b"reset_task" => "reset-task",
         _ => macro_name,
     }
-}
-
-#[doc(hidden)]
-pub const fn panic_strategy() -> &'static str {
-    if cfg!(panic = "abort") { "abort" } else { "unwind" }
-}
-
-#[doc(hidden)]
-pub const fn manifest_len(parts: &ManifestParts) -> usize {
-    crate::manifest::encoded_len(parts)
 }
 
 /// Exports the plugins of a library. Write it once, at the end of the crate; the crate is a `cdylib`.
@@ -63,7 +51,7 @@ macro_rules! export_plugin {
                     };
                     #[used]
                     #[unsafe(link_section = ".shield_manifest")]
-                    static MANIFEST: [u8; $crate::export::manifest_len(&PARTS)] = $crate::manifest::encode(&PARTS);
+                    static MANIFEST: [u8; $crate::manifest::encoded_len(&PARTS)] = $crate::manifest::encode(&PARTS);
                     $crate::export::$kind::<$type>(&MANIFEST)
                 }),+
             ];
