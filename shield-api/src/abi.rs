@@ -15,6 +15,8 @@ use crate::LogLevel;
 pub const ABI_MAJOR: u32 = 1;
 /// Minor version of the tables: grows with look-ups by name, never with fields.
 pub const ABI_MINOR: u32 = 0;
+/// Both, as the manifest writes them.
+pub const ABI_VERSION: &str = "1.0";
 /// The symbol that every library exports for readers of C: a function returning `*const PluginLibrary`.
 pub const ENTRY_SYMBOL: &str = "shield_plugin_entry_v1";
 /// Extension of an environment: [`StartsTable`].
@@ -75,7 +77,7 @@ pub mod step_flag {
     pub const IRREVERSIBLE: u32 = 8;
 }
 
-/// Bits of the answer of [`AbortRuleTable::needs`].
+/// Bits of the answer of [`AbortRuleTable::needs`]: what is computed before the rule is asked.
 pub mod need {
     /// The reset ensemble's values of the proposed action.
     pub const VALUES: u32 = 1;
@@ -317,7 +319,7 @@ pub struct LearnerInfoView {
     pub discount: f32,
 }
 
-/// A batch of transitions; see [`crate::Batch`] for the shapes.
+/// A batch of transitions, row by row.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, StableAbi)]
 pub struct BatchView {
@@ -325,17 +327,17 @@ pub struct BatchView {
     pub struct_size: usize,
     /// How many transitions.
     pub size: usize,
-    /// States.
+    /// States, `size × observation length`.
     pub observations: Floats,
-    /// Actions.
+    /// Executed actions, `size × action length`.
     pub actions: Floats,
-    /// Rewards.
+    /// The agent's rewards, `size`.
     pub rewards: Floats,
-    /// Next states.
+    /// States that followed, `size × observation length`.
     pub next_observations: Floats,
-    /// Continuation flags.
+    /// 1 where the next state's value counts, 0 where the transition ends; `size`.
     pub continuations: Floats,
-    /// Bootstrap masks.
+    /// 1 where the member learns from the transition, else 0; `size × members`.
     pub masks: Floats,
 }
 
@@ -466,7 +468,7 @@ pub struct AbortRuleTable {
         context: *const RuleContextView,
         verdict: *mut VerdictView,
     ) -> i32,
-    /// Gives the rule as rows.
+    /// Gives the rule as rows; `gradients` holds `members × action length`, row by row.
     pub linearise: unsafe extern "C" fn(
         instance: *mut Instance,
         context: *const RuleContextView,
@@ -620,5 +622,15 @@ impl HostTable {
     pub(crate) fn call_metric(&self, name: &str, value: f64) {
         // SAFETY: the text lives for the call, and the host's functions accept any text.
         unsafe { (self.metric)(Text::new(name), value) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_version_as_text_is_the_version_as_numbers() {
+        assert_eq!(ABI_VERSION, format!("{ABI_MAJOR}.{ABI_MINOR}"));
     }
 }

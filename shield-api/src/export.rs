@@ -41,7 +41,7 @@ macro_rules! export_plugin {
                         id: $id,
                         kind: $crate::export::kind_name(stringify!($kind)),
                         version: env!("CARGO_PKG_VERSION"),
-                        abi: "1.0",
+                        abi: $crate::abi::ABI_VERSION,
                         panic: if cfg!(panic = "abort") { "abort" } else { "unwind" },
                         authors: env!("CARGO_PKG_AUTHORS"),
                         license: env!("CARGO_PKG_LICENSE"),

@@ -53,6 +53,8 @@ enum Chore {
         #[arg(long = "stage", value_name = "NAME")]
         stages: Vec<stages::Name>,
     },
+    /// Write `shield-api/include/shield_plugin.h` anew, after a change of the tables
+    Header,
     /// Run the benchmarks
     Bench {
         /// Only this one; a pattern such as `decision*` is possible
@@ -100,6 +102,10 @@ fn run(chore: Chore) -> anyhow::Result<ExitCode> {
             return shield(&arguments);
         }
         Chore::Test { stages } => return stages::run(root, &stages),
+        Chore::Header => {
+            let test = ["test", "--quiet", "--package", "shield-tests", "--test", "header"];
+            cargo::run(cargo::command(root).args(test).env("SHIELD_WRITE_HEADER", "1"))?;
+        }
         Chore::Bench { pattern, arguments } => {
             let bench = ["bench", "--workspace", "--bench", &pattern, "--"];
             cargo::run(cargo::command(root).args(bench).args(arguments))?;

@@ -61,9 +61,11 @@ pub fn c_fixture(name: &str, defines: &[&str]) -> PathBuf {
     fs::create_dir_all(&folder).unwrap();
     let path = folder.join(format!("{name}{}", env::consts::DLL_SUFFIX));
     let output = Command::new("cc")
-        .args(["-std=c11", "-Wall", "-O1", "-fPIC", "-shared", "-o"])
+        .args(["-std=c11", "-Wall", "-Wextra", "-O1", "-fPIC", "-shared", "-o"])
         .arg(&path)
         .args(defines.iter().map(|define| format!("-D{define}")))
+        .arg("-I")
+        .arg(sources().join("../../shield-api/include"))
         .arg(sources().join("c/rule.c"))
         .arg("-lm")
         .output()
