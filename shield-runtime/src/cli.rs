@@ -1,5 +1,6 @@
 //! The command line: arguments in, exit code out.
 
+mod env;
 mod plugins;
 mod progress;
 mod run;
@@ -30,6 +31,7 @@ Examples:
   shield run examples/gridworld.ron --seeds 0 --variants q_min-0.4
   shield run my.ron --set shield.rules[0].config.q_min=5 --out elsewhere
   shield plugin list                                       what can be named in an experiment
+  shield env bench mujoco/cliff-cheetah                    how fast an environment steps
 
 Exit codes: 0 done, 1 a run failed, 2 the input is wrong, 130 stopped by Ctrl-C.";
 
@@ -40,6 +42,9 @@ enum Command {
     /// Shows plugins.
     #[command(subcommand)]
     Plugin(PluginCommand),
+    /// Lists and measures environments.
+    #[command(subcommand)]
+    Env(env::EnvCommand),
 }
 
 #[derive(Subcommand)]
@@ -89,9 +94,10 @@ pub fn main() -> ExitCode {
     let done = match &arguments.command {
         Command::Run(arguments) => run::run(arguments, &registry),
         Command::Plugin(PluginCommand::List) => {
-            plugins::list(&registry);
+            plugins::list(&registry, None);
             Ok(())
         }
+        Command::Env(command) => env::run(command, &registry),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,

@@ -3,6 +3,8 @@
 
 mod cargo;
 mod native;
+mod peers;
+mod python;
 mod stages;
 
 use std::path::Path;
@@ -26,6 +28,7 @@ const EXAMPLES: &str = "Examples:
   cargo shield --help                         what the shield itself can do
   cargo xtask test                            every test
   cargo xtask test --stage doc                only the examples in the documentation
+  cargo xtask test --peers                    our robots against Gymnasium's and dm_control's
   cargo xtask bench --bench decision          one benchmark";
 
 #[derive(Subcommand)]
@@ -52,6 +55,12 @@ enum Chore {
         /// Only this stage; it can be given several times
         #[arg(long = "stage", value_name = "NAME")]
         stages: Vec<stages::Name>,
+        /// Only the comparison of the robots with Gymnasium's and the DeepMind control suite's
+        ///
+        /// Installs both from PyPI into native/python/peers, once (about a minute, 600 MB). Compares masses, inertias, joints and
+        /// motors, 200 control steps of free motion, and the speed of the half-cheetah.
+        #[arg(long, conflicts_with = "stages")]
+        peers: bool,
     },
     /// Write `shield-api/include/shield_plugin.h` anew, after a change of the tables
     Header,
@@ -101,7 +110,8 @@ fn run(chore: Chore) -> anyhow::Result<ExitCode> {
             build(root, true)?;
             return shield(&arguments);
         }
-        Chore::Test { stages } => return stages::run(root, &stages),
+        Chore::Test { peers: true, .. } => return peers::test(root),
+        Chore::Test { stages, peers: false } => return stages::run(root, &stages),
         Chore::Header => {
             let test = ["test", "--quiet", "--package", "shield-tests", "--test", "header"];
             cargo::run(cargo::command(root).args(test).env("SHIELD_WRITE_HEADER", "1"))?;

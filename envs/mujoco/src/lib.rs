@@ -68,4 +68,6 @@ shield_api::export_plugin! {
 }
 
 #[cfg(test)]
+mod peers;
+#[cfg(test)]
 mod suite;

@@ -1,0 +1,115 @@
+//! `shield env`: environments without an experiment around them.
+
+use std::time::{Duration, Instant};
+
+use clap::{Args, Subcommand};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use shield_api::{Environment, Setup, Space};
+use shield_runtime::plugin::{Kind, LoadedEnvironment, Registry, Selection, host};
+
+use super::{Failure, plugins};
+
+#[derive(Subcommand)]
+pub enum EnvCommand {
+    /// Lists the environments on the search path, without loading any.
+    List,
+    /// Measures how fast an environment steps: random actions, one thread, through the plugin's interface.
+    ///
+    /// The figure is the best of several rounds, since whatever else runs on the machine only slows it.
+    Bench(BenchArguments),
+}
+
+/// Which environment.
+#[derive(Args)]
+pub struct Named {
+    /// Its id, for example mujoco/cliff-cheetah.
+    id: String,
+    /// Its configuration, for example '(horizon: 100)'.
+    #[arg(long, default_value = "")]
+    config: String,
+    /// Seed of actions and starts.
+    #[arg(long, default_value_t = 0)]
+    seed: u64,
+}
+
+#[derive(Args)]
+pub struct BenchArguments {
+    #[command(flatten)]
+    named: Named,
+    /// Steps of a round.
+    #[arg(long, default_value_t = 10_000, value_parser = clap::value_parser!(u32).range(1..))]
+    steps: u32,
+    /// Rounds.
+    #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..))]
+    rounds: u32,
+}
+
+pub fn run(command: &EnvCommand, registry: &Registry) -> Result<(), Failure> {
+    match command {
+        EnvCommand::List => plugins::list(registry, Some(Kind::Environment)),
+        EnvCommand::Bench(arguments) => bench(arguments, registry)?,
+    }
+    Ok(())
+}
+
+fn make(named: &Named, registry: &Registry) -> Result<LoadedEnvironment, Failure> {
+    let setup = Setup::new(named.seed, 1, host());
+    registry
+        .environment(&Selection::new(&named.id), &named.config, &setup)
+        .map_err(|error| Failure::Input(error.to_string()))
+}
+
+fn bench(arguments: &BenchArguments, registry: &Registry) -> Result<(), Failure> {
+    let mut environment = make(&arguments.named, registry)?;
+    let mut best = Duration::MAX;
+    for _ in 0..arguments.rounds {
+        let time = round(&mut environment, arguments.steps, arguments.named.seed);
+        best = best.min(time.map_err(|error| Failure::Run(error.to_string()))?);
+    }
+    let seconds = best.as_secs_f64();
+    println!(
+        "{}: {:.0} steps/s, {:.2} µs a step",
+        arguments.named.id,
+        f64::from(arguments.steps) / seconds,
+        1e6 * seconds / f64::from(arguments.steps)
+    );
+    Ok(())
+}
+
+/// The time of so many steps, hard resets at the end of episodes included. Every round does the same.
+fn round(environment: &mut LoadedEnvironment, steps: u32, seed: u64) -> shield_api::Result<Duration> {
+    let spec = environment.spec();
+    let mut rng = Pcg64::seed_from_u64(seed);
+    let actions: Vec<Vec<f32>> = (0..100).map(|_| random_action(&spec.spaces.action, &mut rng)).collect();
+    let mut observation = vec![0.0; spec.spaces.observation_len()];
+    let begun = Instant::now();
+    let mut left = 0;
+    for (step, action) in (0..steps).zip(actions.iter().cycle()) {
+        if left == 0 {
+            environment.reset(seed.wrapping_add(u64::from(step)), &mut observation)?;
+            left = spec.episode_length;
+        }
+        left -= 1;
+        if environment.step(action, &mut observation)?.terminated {
+            left = 0;
+        }
+    }
+    Ok(begun.elapsed())
+}
+
+/// Uniform in the space; an interval without an end reaches 2 far, one without both is [−1, 1].
+fn random_action(space: &Space, rng: &mut Pcg64) -> Vec<f32> {
+    let interval = |low: f32, high: f32| match (low.is_finite(), high.is_finite()) {
+        (true, true) => low..=high,
+        (true, false) => low..=low + 2.0,
+        (false, true) => high - 2.0..=high,
+        (false, false) => -1.0..=1.0,
+    };
+    match space {
+        Space::Discrete { n } => vec![rng.random_range(0..*n) as f32],
+        Space::Box { low, high } => {
+            low.iter().zip(high).map(|(low, high)| rng.random_range(interval(*low, *high))).collect()
+        }
+    }
+}

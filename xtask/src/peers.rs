@@ -1,0 +1,32 @@
+//! `cargo xtask test --peers`: our models and speed against Gymnasium's and the DeepMind control suite's.
+
+use std::fs;
+use std::path::Path;
+use std::process::{Command, ExitCode};
+
+use anyhow::Context;
+
+use crate::{cargo, python};
+
+/// Exports our models and free motions, measures our speed, and lets a Python program compare.
+///
+/// # Errors
+/// Something could not be built, installed or started. A difference is not an error but an exit code.
+pub fn test(root: &Path) -> anyhow::Result<ExitCode> {
+    let folder = root.join("tests/peers");
+    let python = python::environment(root, "peers", &folder.join("requirements.txt"))?;
+    let target = cargo::target_folder()?;
+    let exported = target.join("peers");
+    fs::create_dir_all(&exported).with_context(|| format!("cannot create {}", exported.display()))?;
+    let test = ["test", "--quiet", "--package", "mujoco-robots", "--lib", "peers", "--", "--include-ignored"];
+    cargo::run(cargo::command(root).args(test).env("SHIELD_PEERS_FOLDER", &exported))?;
+    let build = ["build", "--release", "--package", "shield-runtime", "--package", "mujoco-robots"];
+    cargo::run(cargo::command(root).args(build))?;
+    let status = Command::new(&python)
+        .arg(folder.join("environments.py"))
+        .arg(&exported)
+        .arg(target.join("release/shield"))
+        .status()
+        .with_context(|| format!("{} could not be started", python.display()))?;
+    Ok(if status.success() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
