@@ -21,6 +21,8 @@ pub const ABI_VERSION: &str = "1.0";
 pub const ENTRY_SYMBOL: &str = "shield_plugin_entry_v1";
 /// Extension of an environment: [`StartsTable`].
 pub const EXTENSION_STARTS: &str = "shield.environment.starts/1";
+/// Extension of an environment: [`CostsTable`].
+pub const EXTENSION_COSTS: &str = "shield.environment.costs/1";
 
 /// What a call returns: one of the constants in [`status`].
 pub type Status = i32;
@@ -93,6 +95,14 @@ pub mod verdict {
     pub const ALLOW: u32 = 1;
     /// The action must not be executed.
     pub const REJECT: u32 = 2;
+}
+
+/// Whose action a rule judges, as [`RuleContextView::phase`].
+pub mod phase {
+    /// The forward agent's.
+    pub const FORWARD: u32 = 1;
+    /// The reset agent's.
+    pub const RESET: u32 = 2;
 }
 
 /// The modes of [`LearnerTable::act`].
@@ -309,6 +319,25 @@ pub struct StartsTable {
     ) -> i32,
 }
 
+/// Extension of environments: kinds of hard resets, and what they cost.
+#[repr(C)]
+#[derive(Debug, StableAbi)]
+pub struct CostsTable {
+    /// Size of this struct in bytes.
+    pub struct_size: usize,
+    /// Copies the name of the kind with the given index into `buffer` and stores its cost; returns the name's full length, 0 if there is
+    /// no such index.
+    pub kind: unsafe extern "C" fn(
+        instance: *mut Instance,
+        index: usize,
+        buffer: *mut u8,
+        capacity: usize,
+        cost: *mut f64,
+    ) -> usize,
+    /// Stores the index of the kind that a hard reset from the present state would be.
+    pub present: unsafe extern "C" fn(instance: *mut Instance, index: *mut usize) -> i32,
+}
+
 /// What [`LearnerTable::info`] fills.
 #[repr(C)]
 #[derive(Debug, Clone, Copy, Default, StableAbi)]
@@ -420,6 +449,8 @@ pub struct RuleContextView {
     pub forward_values: Floats,
     /// γ of the reset agent.
     pub discount: f32,
+    /// One of [`phase`].
+    pub phase: u32,
 }
 
 /// What [`AbortRuleTable::evaluate`] fills. The buffer for the reason is the host's.

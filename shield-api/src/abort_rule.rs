@@ -15,6 +15,15 @@ pub struct Needs {
     pub forward_values: bool,
 }
 
+/// Whose action is judged.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Phase {
+    /// The forward agent's, which does the task.
+    Forward,
+    /// The reset agent's exploration, which undoes it.
+    Reset,
+}
+
 /// Everything that a rule may look at.
 #[derive(Debug, Clone, Copy)]
 pub struct RuleContext<'a> {
@@ -34,6 +43,8 @@ pub struct RuleContext<'a> {
     pub forward_values: &'a [f32],
     /// γ of the reset agent.
     pub discount: f32,
+    /// Whose action it is. A rejected action of the reset agent gives way to its greedy one.
+    pub phase: Phase,
 }
 
 /// What a rule says of an action.
@@ -172,7 +183,7 @@ pub struct ObservedDecision<'a> {
 ///     abort_rule "acme/gentle" => Gentle { description: "Forbids pushing hard", deterministic: true }
 /// }
 /// # let context = RuleContext { step: 0, observation: &[], proposed: &[0.7], previous: None, values: &[],
-/// #     greedy_values: &[], forward_values: &[], discount: 0.99 };
+/// #     greedy_values: &[], forward_values: &[], discount: 0.99, phase: Phase::Forward };
 /// # let mut buffer = [0; 80];
 /// # let verdict = Gentle(0.5).evaluate(&context, &mut Reason::new(&mut buffer)).unwrap();
 /// # assert_eq!(verdict.verdict, Verdict::Reject);

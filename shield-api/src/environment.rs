@@ -14,6 +14,15 @@ pub struct EnvironmentSpec {
     pub brings_reset_reward: bool,
 }
 
+/// A kind of hard reset, such as picking the robot up from the floor.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ResetKind {
+    /// Its name in the results.
+    pub name: String,
+    /// What one costs, in a unit of the environment's choice. Finite, not negative.
+    pub cost: f64,
+}
+
 /// What a step led to, beside the observation.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct StepOutcome {
@@ -139,5 +148,20 @@ pub trait Environment: Checkpoint {
     fn reset_to(&mut self, start: &str, seed: u64, observation: &mut [f32]) -> Result<()> {
         let _ = (seed, observation);
         Err(Error::invalid_argument(format!("this environment has no start named {start:?}")))
+    }
+
+    /// The kinds of hard reset, where they differ in what they cost. Called once; the answer must not change. None by default: every
+    /// hard reset then costs the same.
+    fn reset_kinds(&self) -> Vec<ResetKind> {
+        Vec::new()
+    }
+
+    /// Which of [`reset_kinds`](Self::reset_kinds) a hard reset from the present state would be, as an index. Asked before a hard reset,
+    /// and only where there are kinds.
+    ///
+    /// # Errors
+    /// The environment cannot tell.
+    fn reset_kind(&self) -> Result<usize> {
+        Err(Error::unsupported("kinds of hard resets"))
     }
 }

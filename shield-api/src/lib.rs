@@ -15,9 +15,11 @@ mod policy;
 mod reset_task;
 mod space;
 
-pub use abort_rule::{AbortRule, Needs, ObservedDecision, Reason, Rows, RuleContext, RuleVerdict, Verdict};
+pub use abort_rule::{
+    AbortRule, Needs, ObservedDecision, Phase, Reason, Rows, RuleContext, RuleVerdict, Verdict,
+};
 pub use config::{Field, PluginConfig, ron_options};
-pub use environment::{Environment, EnvironmentSpec, StepOutcome};
+pub use environment::{Environment, EnvironmentSpec, ResetKind, StepOutcome};
 pub use error::{Error, ErrorKind, Position, Result, check_finite, check_length};
 pub use learner::{ActMode, Batch, Learner, LearnerInfo};
 pub use plugin::{Checkpoint, Host, LogLevel, Plugin, Setup};

@@ -47,7 +47,7 @@ impl Agent {
     /// # Errors
     /// The learner failed.
     pub fn learn(&mut self, experience: &Experience, updates: usize) -> Result<()> {
-        if experience.len() < self.buffers.size() {
+        if experience.len_for(self.role) < self.buffers.size() {
             return Ok(());
         }
         plugin::in_metric_scope(self.role.name(), || {

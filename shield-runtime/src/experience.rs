@@ -42,20 +42,23 @@ pub struct AgentShare {
     pub continues: bool,
 }
 
-/// One environment step, about to be stored.
+/// One environment step, or one that was rejected, about to be stored.
 #[derive(Debug, Clone, Copy)]
 pub struct Transition<'a> {
     /// The state before.
     pub observation: &'a [f32],
-    /// The executed action, never a rejected one.
+    /// The executed action; a rejected one only in what a single agent learns from.
     pub action: &'a [f32],
     /// The state after.
     pub next_observation: &'a [f32],
-    /// The forward agent's share.
-    pub forward: AgentShare,
-    /// The reset agent's share.
-    pub reset: AgentShare,
+    /// The forward agent's share; `None` if it does not learn from it.
+    pub forward: Option<AgentShare>,
+    /// The reset agent's share; `None` if it does not learn from it.
+    pub reset: Option<AgentShare>,
 }
+
+/// Stands for the continuation flag where an agent has no share.
+const NO_SHARE: f32 = -1.0;
 
 /// Per agent: rewards, continuation flags and bootstrap masks.
 #[derive(Debug)]
@@ -66,6 +69,8 @@ struct Shares {
     masks: Vec<u64>,
     words: usize,
     members: usize,
+    /// How many of the transitions the agent has a share in.
+    count: usize,
 }
 
 impl Shares {
@@ -77,7 +82,19 @@ impl Shares {
             masks: rows(capacity, words)?,
             words,
             members,
+            count: 0,
         })
+    }
+
+    fn put(&mut self, slot: usize, share: Option<AgentShare>) {
+        let is_over = self.continuations.get(slot).is_some_and(|flag| *flag != NO_SHARE);
+        self.count = self.count + usize::from(share.is_some()) - usize::from(is_over);
+        let (reward, flag) = match share {
+            Some(AgentShare { reward, continues }) => (reward, if continues { 1.0 } else { 0.0 }),
+            None => (0.0, NO_SHARE),
+        };
+        put(&mut self.rewards, slot, &[reward]);
+        put(&mut self.continuations, slot, &[flag]);
     }
 }
 
@@ -132,6 +149,11 @@ impl Experience {
         self.shares[0].rewards.len()
     }
 
+    /// How many of them one agent learns from.
+    pub fn len_for(&self, role: AgentRole) -> usize {
+        self.shares[role.index()].count
+    }
+
     /// Whether nothing is kept.
     pub fn is_empty(&self) -> bool {
         self.len() == 0
@@ -144,8 +166,7 @@ impl Experience {
         put(&mut self.actions, slot, transition.action);
         put(&mut self.next_observations, slot, transition.next_observation);
         for (share, taken) in self.shares.iter_mut().zip([transition.forward, transition.reset]) {
-            put(&mut share.rewards, slot, &[taken.reward]);
-            put(&mut share.continuations, slot, &[if taken.continues { 1.0 } else { 0.0 }]);
+            share.put(slot, taken);
             let mask = &mut self.mask[..share.words];
             mask.fill(0);
             for member in 0..if share.words > 0 { share.members } else { 0 } {
@@ -158,10 +179,22 @@ impl Experience {
         self.next = (slot + 1) % self.capacity;
     }
 
-    /// Draws a batch for one agent, uniformly with replacement, into `buffers`.
+    /// Lowers an agent's reward of the transition that was stored last, if it has a share in it.
+    pub fn charge_last(&mut self, role: AgentRole, cost: f32) {
+        if cost == 0.0 || self.is_empty() {
+            return;
+        }
+        let last = (self.next + self.capacity - 1) % self.capacity;
+        let share = &mut self.shares[role.index()];
+        if share.continuations[last] != NO_SHARE {
+            share.rewards[last] -= cost;
+        }
+    }
+
+    /// Draws a batch for one agent, uniformly with replacement from what it has a share in, into `buffers`.
     ///
     /// # Panics
-    /// The memory is empty.
+    /// There is nothing that it has a share in.
     pub fn sample<'b>(
         &self,
         role: AgentRole,
@@ -169,8 +202,12 @@ impl Experience {
         rng: &mut impl Rng,
     ) -> Batch<'b> {
         let share = &self.shares[role.index()];
+        assert!(share.count > 0, "there is nothing to learn from");
         for row in 0..buffers.size {
-            let slot = rng.random_range(0..self.len());
+            let mut slot = rng.random_range(0..self.len());
+            while share.continuations[slot] == NO_SHARE {
+                slot = rng.random_range(0..self.len());
+            }
             copy(&mut buffers.observations, row, &self.observations, slot, self.observation_len);
             copy(&mut buffers.actions, row, &self.actions, slot, self.action_len);
             copy(&mut buffers.next_observations, row, &self.next_observations, slot, self.observation_len);
@@ -273,8 +310,8 @@ mod tests {
                 observation: &[value, -value],
                 action: &[value / 10.0],
                 next_observation: &[value + 1.0, 0.0],
-                forward: AgentShare { reward: value, continues: true },
-                reset: AgentShare { reward: -value, continues: value != 3.0 },
+                forward: Some(AgentShare { reward: value, continues: true }),
+                reset: Some(AgentShare { reward: -value, continues: value != 3.0 }),
             },
             rng,
         );

@@ -19,8 +19,8 @@ use serde::de::IgnoredAny;
 
 pub use config::{
     BetweenAttempts, Endings, EvaluatedAgent, EvaluationConfig, ExperienceConfig, Experiment, Forward, Mode,
-    OnResetFailure, OnResetSuccess, PluginChoice, ProjectionConfig, QpConfig, ResetAttempts, ResetTest,
-    ShieldConfig, Unlimited, Updates,
+    OnAbort, OnResetFailure, OnResetSuccess, PluginChoice, ProjectionConfig, QpConfig, ResetAttempts,
+    ResetTest, ShieldConfig, Unlimited, Updates,
 };
 pub use error::{InputError, Location};
 pub use overrides::Override;

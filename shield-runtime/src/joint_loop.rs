@@ -18,7 +18,7 @@ use crate::{
     evaluation::Evaluator,
     experience::{AgentRole, AgentShare, Experience, Transition},
     experiment::{BetweenAttempts, Mode, OnResetFailure, OnResetSuccess, ResetTest, Updates},
-    observer::{Counters, EpisodeEnd, EpisodeRecord, Intervention, Observer, Tally},
+    observer::{Counters, EpisodeEnd, EpisodeRecord, HardReset, Intervention, Observer, Tally},
     plugin,
     shield::{Moment, Shield},
     world::World,
@@ -149,6 +149,7 @@ impl<'a> JointLoop<'a> {
             if let Some(abort) = self.propose()? {
                 self.counters.early_aborts += 1;
                 self.counters.failed_closed += u64::from(abort.cause.is_failure());
+                self.tell_of_abort(abort);
                 return Ok(record(AgentRole::Forward, &tally, EpisodeEnd::Abort, false));
             }
             let outcome = self.world.step(&self.action)?;
@@ -208,11 +209,7 @@ impl<'a> JointLoop<'a> {
         }
         self.proposed.copy_from_slice(&self.action);
         let start = Instant::now();
-        if !self.forward_values.is_empty()
-            && forward.q_values(observation, &self.action, &mut self.forward_values).is_err()
-        {
-            self.forward_values.fill(f32::NAN);
-        }
+        value_forward(forward, observation, &self.action, &mut self.forward_values);
         let moment = Moment {
             step: self.counters.steps,
             observation,
@@ -252,11 +249,14 @@ impl<'a> JointLoop<'a> {
             return Ok(());
         };
         self.proposed.copy_from_slice(&self.action);
+        if let Some(forward) = &mut self.forward {
+            value_forward(forward, observation, &self.action, &mut self.forward_values);
+        }
         let moment = Moment {
             step: self.counters.steps,
             observation,
             previous: self.has_previous.then_some(&self.previous),
-            forward_values: &[],
+            forward_values: &self.forward_values,
         };
         if let Some(abort) = shield.guard(reset.learner(), &moment, &mut self.action).abort() {
             self.counters.exploration_replaced += 1;
@@ -281,11 +281,11 @@ impl<'a> JointLoop<'a> {
             observation: self.world.observation(),
             action: &self.action,
             next_observation: self.world.next_observation(),
-            forward: AgentShare { reward: outcome.forward_reward, continues: !outcome.terminated },
-            reset: AgentShare {
+            forward: Some(AgentShare { reward: outcome.forward_reward, continues: !outcome.terminated }),
+            reset: Some(AgentShare {
                 reward: outcome.reset_reward,
                 continues: reset_continues && !outcome.terminated && !is_reset_terminal,
-            },
+            }),
         };
         self.experience.push(&transition, &mut self.randomness.masks);
         self.world.advance();
@@ -294,6 +294,22 @@ impl<'a> JointLoop<'a> {
         self.counters.steps += 1;
         self.counters.irreversible_entries += u64::from(outcome.irreversible && !self.was_irreversible);
         self.was_irreversible = outcome.irreversible;
+    }
+
+    /// Lets the forward agent learn from the action that a rule rejected. What failed is not the fault of its action.
+    fn tell_of_abort(&mut self, abort: Abort) {
+        let Some(reward) = self.settings.on_abort.reward().filter(|_| !abort.cause.is_failure()) else {
+            return;
+        };
+        let observation = self.world.observation();
+        let transition = Transition {
+            observation,
+            action: &self.proposed,
+            next_observation: observation,
+            forward: Some(AgentShare { reward, continues: false }),
+            reset: None,
+        };
+        self.experience.push(&transition, &mut self.randomness.masks);
     }
 
     fn learn(&mut self, in_charge: AgentRole) -> anyhow::Result<()> {
@@ -337,10 +353,14 @@ impl<'a> JointLoop<'a> {
 
     /// Ends an episode: the report, and the hard reset that may follow it.
     fn close(&mut self, mut episode: EpisodeRecord, hard_reset: bool) -> anyhow::Result<()> {
-        episode.hard_reset = hard_reset;
-        self.counters.hard_resets += u64::from(hard_reset);
         if hard_reset {
+            let (kind, cost) = self.world.hard_reset_due()?;
+            let cost = cost * self.settings.hard_reset_cost;
             self.failed_attempts = 0;
+            self.counters.hard_resets += 1;
+            self.counters.hard_reset_cost += cost;
+            self.experience.charge_last(AgentRole::Reset, self.settings.cost_weight * cost as f32);
+            episode.hard_reset = Some(HardReset { kind, cost });
         }
         self.observer.on_episode(&episode, &self.counters)?;
         let (step, observer) = (self.counters.steps, &mut self.observer);
@@ -375,6 +395,13 @@ impl<'a> JointLoop<'a> {
     }
 }
 
+/// The forward ensemble's values of an action; NaN, which no shield lets through, where it has none.
+fn value_forward(forward: &mut ForwardAgent, observation: &[f32], action: &[f32], values: &mut [f32]) {
+    if !values.is_empty() && forward.q_values(observation, action, values).is_err() {
+        values.fill(f32::NAN);
+    }
+}
+
 fn record(role: AgentRole, tally: &Tally, end: EpisodeEnd, has_reset: bool) -> EpisodeRecord {
     EpisodeRecord {
         role,
@@ -384,6 +411,6 @@ fn record(role: AgentRole, tally: &Tally, end: EpisodeEnd, has_reset: bool) -> E
         success: tally.success,
         end,
         has_reset,
-        hard_reset: false,
+        hard_reset: None,
     }
 }

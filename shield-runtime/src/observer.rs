@@ -51,8 +51,17 @@ pub struct EpisodeRecord {
     pub end: EpisodeEnd,
     /// For a reset episode: whether it succeeded by the configured test.
     pub has_reset: bool,
-    /// A hard reset follows.
-    pub hard_reset: bool,
+    /// The hard reset that follows, if one does.
+    pub hard_reset: Option<HardReset>,
+}
+
+/// A hard reset.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct HardReset {
+    /// Its kind, as an index into the environment's list; `None` where all are alike.
+    pub kind: Option<usize>,
+    /// What it costs.
+    pub cost: f64,
 }
 
 /// One rejected action.
@@ -112,6 +121,8 @@ pub struct Counters {
     pub exploration_replaced: u64,
     /// Hard resets, the initial one excluded.
     pub hard_resets: u64,
+    /// Their costs, summed.
+    pub hard_reset_cost: f64,
     /// Times that an irreversible state was entered.
     pub irreversible_entries: u64,
 }

@@ -15,7 +15,7 @@ pub use setup::ShieldSettings;
 
 use std::time::Duration;
 
-use shield_api::{ActMode, Learner, Needs, ObservedDecision, check_finite};
+use shield_api::{ActMode, Learner, Needs, ObservedDecision, Phase, check_finite};
 
 use self::{
     clock::Clock,
@@ -64,7 +64,7 @@ impl Shield {
         moment: &Moment<'_>,
         action: &mut [f32],
     ) -> Decision {
-        let mut decision = self.decide(reset_agent, moment, action, true);
+        let mut decision = self.decide(reset_agent, moment, action, Phase::Forward);
         let observed = ObservedDecision { step: moment.step, aborted: decision.abort().is_some(), action };
         let told = self.jury.observe(&observed);
         if let Err(error) = told {
@@ -82,7 +82,7 @@ impl Shield {
         moment: &Moment<'_>,
         action: &mut [f32],
     ) -> Decision {
-        self.decide(reset_agent, moment, action, false)
+        self.decide(reset_agent, moment, action, Phase::Reset)
     }
 
     /// Whether a plugin that the shield needs panicked, or a rule did not take note of a decision: from then on every decision would be an
@@ -106,14 +106,15 @@ impl Shield {
         reset_agent: &mut dyn Learner,
         moment: &Moment<'_>,
         action: &mut [f32],
-        may_project: bool,
+        phase: Phase,
     ) -> Decision {
         let clock = Clock::start(self.deadline);
         self.why.clear();
+        self.jury.phase = phase;
         let mut decision = match self.judge(reset_agent, moment, action) {
             Ok(()) if moment.step < self.settings.warm_up_steps => Decision::WarmUp,
             Ok(()) => Decision::Allow,
-            Err(rejection) if may_project && rejection.cause == Cause::Rejected => self
+            Err(rejection) if phase == Phase::Forward && rejection.cause == Cause::Rejected => self
                 .project(reset_agent, moment, action, rejection, clock)
                 .map_or_else(Decision::Abort, Decision::Project),
             Err(abort) => Decision::Abort(abort),

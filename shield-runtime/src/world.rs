@@ -1,12 +1,15 @@
 //! The environment as the loop sees it: with the reset task applied, and every number checked.
 
-use shield_api::{Environment, EnvironmentSpec, Error, ResetTask, Result, StepOutcome, check_finite};
+use shield_api::{
+    Environment, EnvironmentSpec, Error, ResetKind, ResetTask, Result, StepOutcome, check_finite,
+};
 
 /// An environment, the reset task that may replace its own, and the state in which it is.
 pub struct World {
     environment: Box<dyn Environment>,
     reset_task: Option<Box<dyn ResetTask>>,
     spec: EnvironmentSpec,
+    reset_kinds: Vec<ResetKind>,
     observation: Vec<f32>,
     next_observation: Vec<f32>,
 }
@@ -29,8 +32,21 @@ impl World {
                  Some(plugin: \"near-start\")",
             ));
         }
+        let reset_kinds = environment.reset_kinds();
+        for (index, ResetKind { name, cost }) in reset_kinds.iter().enumerate() {
+            if reset_kinds[..index].iter().any(|kind| kind.name == *name) {
+                return Err(Error::failed(format!("the environment names the hard reset {name:?} twice")));
+            }
+            let is_valid = cost.is_finite() && *cost >= 0.0;
+            if !is_valid {
+                return Err(Error::failed(format!(
+                    "the environment's hard reset {name:?} costs {cost}; a cost must be finite and not negative"
+                )));
+            }
+        }
         let observation = vec![0.0; spec.spaces.observation_len()];
-        Ok(Self { environment, reset_task, next_observation: observation.clone(), observation, spec })
+        let next_observation = observation.clone();
+        Ok(Self { environment, reset_task, spec, reset_kinds, observation, next_observation })
     }
 
     /// What the environment is.
@@ -51,6 +67,28 @@ impl World {
     /// Names of the environment's other starts.
     pub fn starts(&self) -> Vec<String> {
         self.environment.starts()
+    }
+
+    /// The environment's kinds of hard resets; empty where all are alike.
+    pub fn reset_kinds(&self) -> &[ResetKind] {
+        &self.reset_kinds
+    }
+
+    /// The kind of a hard reset from the present state, as an index into [`reset_kinds`](Self::reset_kinds), and its cost; 1 where all are alike.
+    ///
+    /// # Errors
+    /// The environment cannot tell.
+    pub fn hard_reset_due(&self) -> Result<(Option<usize>, f64)> {
+        if self.reset_kinds.is_empty() {
+            return Ok((None, 1.0));
+        }
+        let kind = self.environment.reset_kind()?;
+        let Some(ResetKind { cost, .. }) = self.reset_kinds.get(kind) else {
+            let known = self.reset_kinds.len();
+            let message = format!("the environment names the hard reset {kind}, but has {known} kinds");
+            return Err(Error::failed(message));
+        };
+        Ok((Some(kind), *cost))
     }
 
     /// A hard reset, to the usual start or to a named one.

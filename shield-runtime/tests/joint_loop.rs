@@ -7,13 +7,14 @@ mod common;
 use common::{EPISODE, Line, PIT, Rule, Scene, Scripted, forward_learner, spaces};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use shield_api::{ActMode, Error, ErrorKind, RuleVerdict};
+use shield_api::{AbortRule, ActMode, Error, ErrorKind, Needs, Phase, RuleVerdict};
 use shield_runtime::{
     agent::ForwardAgent,
     evaluation::Evaluator,
     experience::AgentRole,
     experiment::{
-        BetweenAttempts, Endings, EvaluatedAgent, Mode, OnResetFailure, OnResetSuccess, ResetTest, Updates,
+        BetweenAttempts, Endings, EvaluatedAgent, Mode, OnAbort, OnResetFailure, OnResetSuccess, ResetTest,
+        Updates,
     },
     observer::EpisodeEnd,
     world::World,
@@ -66,7 +67,7 @@ fn between_attempts_lies_a_forward_episode_or_nothing() {
         let (counters, notebook) = scene.run();
         assert_eq!((counters.hard_resets, counters.reset_episodes), (1, 3), "{between:?}");
         assert_eq!(counters.forward_episodes, forward_episodes);
-        assert!(notebook.episodes.last().unwrap().hard_reset);
+        assert!(notebook.episodes.last().unwrap().hard_reset.is_some());
     }
 }
 
@@ -134,7 +135,10 @@ fn a_terminated_environment_is_reset_at_once_and_the_end_is_terminal_for_both() 
     let (counters, notebook) = scene.run();
     assert_eq!((counters.hard_resets, counters.reset_episodes), (10, 0));
     assert!(
-        notebook.episodes.iter().all(|episode| episode.end == EpisodeEnd::Terminated && episode.hard_reset)
+        notebook
+            .episodes
+            .iter()
+            .all(|episode| episode.end == EpisodeEnd::Terminated && episode.hard_reset.is_some())
     );
     for seen in [seen, seen_by_reset] {
         let continuations: Vec<f32> = seen.lock().unwrap().iter().map(|row| row.1).collect();
@@ -186,6 +190,107 @@ fn forward_time_outs_and_aborts_bootstrap() {
     scene.forward = forward_learner(forward);
     scene.run();
     assert!(seen.lock().unwrap().iter().all(|row| row.1 == 1.0));
+}
+
+/// Rewards and continuations that the forward agent saw, one row per update.
+fn told_of_aborts(on_abort: OnAbort, rules: Vec<Box<dyn AbortRule>>) -> (Vec<(f32, f32)>, usize) {
+    let mut scene = Scene::new(60);
+    scene.rules = rules;
+    scene.settings.on_abort = on_abort;
+    scene.settings.updates = Updates::Both;
+    scene.capacity = 100;
+    let forward = Scripted::acting(|_, _| 1.0);
+    let (seen, by_reset) = (forward.seen.clone(), scene.reset.as_ref().unwrap().seen.clone());
+    scene.forward = forward_learner(forward);
+    let (counters, _) = scene.run();
+    assert!(counters.early_aborts > 5);
+    assert!(by_reset.lock().unwrap().iter().all(|row| row.0 >= 0.0), "the reset agent learns from it");
+    let seen = seen.lock().unwrap();
+    (seen.iter().map(|row| (row.0, row.1)).collect(), seen.len())
+}
+
+#[test]
+fn the_forward_agent_is_told_something_else_of_an_abort() {
+    let told = |on_abort| told_of_aborts(on_abort, no_pit()).0;
+    assert!(told(OnAbort::Nothing).iter().all(|row| row.0 >= 0.0 && row.1 == 1.0));
+    assert!(told(OnAbort::Truncate).contains(&(0.0, 0.0)));
+    let told = told(OnAbort::Penalise(2.5));
+    assert!(told.contains(&(-2.5, 0.0)) && told.contains(&(1.0, 1.0)), "{told:?}");
+}
+
+#[test]
+fn the_forward_agent_is_blamed_for_a_rule_that_fails() {
+    let failing = || {
+        vec![Rule::judging(|context| {
+            let is_near = context.observation[0] >= 3.0;
+            if is_near { Err(Error::failed("not here")) } else { Ok(RuleVerdict::from_safe(true, 1.0)) }
+        })]
+    };
+    let (rows, _) = told_of_aborts(OnAbort::Penalise(2.5), failing());
+    assert!(rows.iter().all(|row| row.0 >= 0.0));
+}
+
+#[test]
+fn the_kinds_of_hard_resets_cost_the_same_or_are_not_learned_from() {
+    let mut scene = Scene::new(60);
+    scene.line.kinds = vec![("line", 2.0), ("pit", 10.0)];
+    scene.settings.hard_reset_cost = 3.0;
+    scene.settings.cost_weight = 0.5;
+    scene.capacity = 100;
+    let seen = scene.reset.as_ref().unwrap().seen.clone();
+    let (counters, notebook) = scene.run();
+    let resets: Vec<_> = notebook.episodes.iter().filter_map(|episode| episode.hard_reset).collect();
+    assert!(!resets.is_empty() && resets.len() as u64 == counters.hard_resets);
+    assert!(resets.iter().all(|reset| (reset.kind, reset.cost) == (Some(1), 30.0)), "{resets:?}");
+    assert_eq!(counters.hard_reset_cost, 30.0 * resets.len() as f64);
+    assert!(seen.lock().unwrap().iter().any(|row| row.0 == -15.0), "the cost is not learned from");
+
+    let mut alike = Scene::new(60);
+    alike.settings.hard_reset_cost = 3.0;
+    let (counters, notebook) = alike.run();
+    assert_eq!(counters.hard_reset_cost, 3.0 * counters.hard_resets as f64);
+    assert!(
+        notebook.episodes.iter().filter_map(|episode| episode.hard_reset).all(|reset| reset.kind.is_none())
+    );
+}
+
+#[test]
+fn kinds_of_hard_resets_that_cannot_be_are_accepted() {
+    for kinds in [vec![("a", f64::NAN)], vec![("a", -1.0)], vec![("a", 1.0), ("a", 2.0)]] {
+        let mut line = Line::new();
+        line.kinds = kinds;
+        assert!(World::new(Box::new(line), None).is_err());
+    }
+    let mut scene = Scene::new(60);
+    scene.line.kinds = vec![("only", 1.0)];
+    let error = scene.run_with(&mut common::Notebook::default()).unwrap_err();
+    assert!(error.to_string().contains("names the hard reset 1, but has 1 kinds"), "{error}");
+}
+
+#[test]
+fn the_phase_is_the_wrong_one_or_exploration_is_judged_without_the_forward_values() {
+    use std::sync::{Arc, Mutex};
+    type Seen = (Phase, f32, Vec<f32>);
+    let told: Arc<Mutex<Vec<Seen>>> = Arc::default();
+    let book = told.clone();
+    let mut rule = Rule {
+        needs: Needs { forward_values: true, ..Needs::default() },
+        judge: Box::new(move |context| {
+            book.lock().unwrap().push((context.phase, context.proposed[0], context.forward_values.to_vec()));
+            Ok(RuleVerdict::from_safe(true, 1.0))
+        }),
+    };
+    rule.needs.values = true;
+    let mut scene = Scene::new(24);
+    scene.rules = vec![Box::new(rule)];
+    scene.settings.shield_exploration = true;
+    scene.forward = forward_learner(Scripted::acting(|_, _| 1.0).valuing(1, |_, action| vec![10.0 * action]));
+    scene.run();
+    let told = told.lock().unwrap();
+    for (phase, action) in [(Phase::Forward, 1.0), (Phase::Reset, -1.0)] {
+        let rows: Vec<_> = told.iter().filter(|row| row.0 == phase).collect();
+        assert!(!rows.is_empty() && rows.iter().all(|row| (row.1, row.2[0]) == (action, 10.0 * action)));
+    }
 }
 
 #[test]

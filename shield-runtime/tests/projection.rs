@@ -453,7 +453,7 @@ fn a_projection_is_missing_from_the_results_of_a_run() {
         .on_intervention(&Intervention { abort: infeasible, projection: None, executed: None, ..row })
         .unwrap();
     let counters = Counters { projections: 3, ..Counters::default() };
-    let summary = recorder.finish(&counters, 10, 1.0, None).unwrap();
+    let summary = recorder.finish(&counters, 10, None).unwrap();
     assert_eq!((summary.projections, summary.deterministic), (3, false));
     let table = std::fs::read_to_string(run.path().join("interventions.csv")).unwrap();
     let expected = "\

@@ -8,7 +8,7 @@ use std::{fs, hint::black_box};
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use shield_api::{
-    AbortRule, ActMode, Checkpoint, Environment, Learner, Policy, Reason, Result, RuleContext, Setup,
+    AbortRule, ActMode, Checkpoint, Environment, Learner, Phase, Policy, Reason, Result, RuleContext, Setup,
 };
 use shield_runtime::plugin::{Registry, SearchPath, Selection, host};
 
@@ -88,6 +88,7 @@ fn rule(criterion: &mut Criterion) {
             greedy_values: &[],
             forward_values: &[],
             discount: 0.99,
+            phase: Phase::Forward,
         };
         criterion.bench_function(&format!("ensemble-threshold, 20 members, {name}"), |bencher| {
             bencher.iter(|| rule.evaluate(black_box(&context), &mut Reason::new(&mut room)));

@@ -53,6 +53,9 @@ fn every_field_of_an_experiment_changes_a_run_in_the_gridworld() {
         "shield.stop_on_reset=false",
         "shield.warm_up_steps=1000",
         "shield.shield_exploration=true",
+        "shield.on_abort=Truncate",
+        "shield.on_abort=Penalise(0.5)",
+        "experience.cost_weight=0.5",
         "experience.capacity=100",
         "experience.batch=8",
         "experience.updates_per_step=2",
@@ -85,6 +88,7 @@ fn every_field_of_an_experiment_changes_a_run_in_the_gridworld() {
 fn a_named_start_and_a_shielded_evaluation_change_a_run_of_the_cart() {
     // A threshold that rejects greedy actions too, else a shielded evaluation has nothing to do.
     all_change(&cart(600, "").replace("q_min: 1.0", "q_min: 1e6"), &["evaluation.shielded=true"]);
+    all_change(&cart(600, ""), &["environment.config.fall_cost=3.0"]);
     all_change(&cart(600, ""), &["evaluation.start=Some(\"goal\")", "mode=ResetOnly(start: Some(\"goal\"))"]);
 }
 

@@ -2,7 +2,7 @@
 
 use rand::RngExt;
 use rand_pcg::Pcg64;
-use shield_api::{Result, StepOutcome};
+use shield_api::{Error, Result, StepOutcome};
 
 use crate::reward::{tolerance, wrapped};
 use crate::simulation::Simulation;
@@ -17,6 +17,8 @@ shield_api::config! {
         start_noise: f64 = 0.05,
         /// Time steps of the model (0.01 s) that an action is held.
         control_step: usize = 5,
+        /// What a hard reset costs that lifts the cart from the floor; one from the table costs 1.
+        fall_cost: f64 = 1.0,
     }
 }
 
@@ -77,6 +79,11 @@ impl Task for CliffCart {
 
     fn new(config: CliffCartConfig) -> Result<Self> {
         check_start_noise(config.start_noise)?;
+        let is_valid = config.fall_cost.is_finite() && config.fall_cost >= 0.0;
+        if !is_valid {
+            let message = format!("fall_cost is {}; it must be finite and not negative", config.fall_cost);
+            return Err(Error::invalid_config(message));
+        }
         Ok(Self { config })
     }
 
@@ -119,6 +126,14 @@ impl Task for CliffCart {
             success: cart.is_on_table() && distance < 0.05 && cart.speed() < 0.1,
             irreversible: cart.has_fallen(),
         }
+    }
+
+    fn reset_kinds(&self) -> Vec<(&'static str, f64)> {
+        vec![("table", 1.0), ("floor", self.config.fall_cost)]
+    }
+
+    fn reset_kind(&self, simulation: &Simulation) -> usize {
+        usize::from(Cart(simulation).has_fallen())
     }
 }
 
@@ -235,6 +250,20 @@ mod tests {
         push(&mut cart, &mut observation, 60, 1.0);
         let lost = value_of_staying(&mut cart);
         assert!(safe > 99.0 && lost == 0.0, "{safe} {lost}");
+    }
+
+    #[test]
+    fn a_hard_reset_from_the_floor_is_not_told_from_one_on_the_table() {
+        let mut observation = [0.0; 6];
+        let mut cart: CartRobot = make("(fall_cost: 7.0)");
+        cart.reset(0, &mut observation).unwrap();
+        let costs: Vec<f64> = cart.reset_kinds().iter().map(|kind| kind.cost).collect();
+        assert_eq!((costs, cart.reset_kind()), (vec![1.0, 7.0], Ok(0)));
+        push(&mut cart, &mut observation, 60, 1.0);
+        assert_eq!(cart.reset_kind(), Ok(1));
+        for config in ["(fall_cost: -1.0)", "(fall_cost: inf)"] {
+            assert!(crate::suite::try_make::<CliffCart>(config).is_err(), "{config}");
+        }
     }
 
     #[test]

@@ -3,8 +3,8 @@
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use shield_api::{
-    Checkpoint, Environment, EnvironmentSpec, Error, Plugin, PluginConfig, Result, Setup, Space, Spaces,
-    StepOutcome, check_length,
+    Checkpoint, Environment, EnvironmentSpec, Error, Plugin, PluginConfig, ResetKind, Result, Setup, Space,
+    Spaces, StepOutcome, check_length,
 };
 
 use crate::simulation::Simulation;
@@ -43,6 +43,16 @@ pub trait Task: Send + Sized + 'static {
 
     /// Rewards and flags of the state that an action led to.
     fn outcome(&self, simulation: &Simulation) -> StepOutcome;
+
+    /// Names and costs of the kinds of hard resets, where they differ.
+    fn reset_kinds(&self) -> Vec<(&'static str, f64)> {
+        Vec::new()
+    }
+
+    /// Which of them a hard reset from the present state would be.
+    fn reset_kind(&self, _simulation: &Simulation) -> usize {
+        0
+    }
 }
 
 /// The environment of a task.
@@ -147,6 +157,15 @@ impl<T: Task> Environment for Robot<T> {
             )));
         }
         self.start(Some(start), seed, observation)
+    }
+
+    fn reset_kinds(&self) -> Vec<ResetKind> {
+        let kinds = self.task.reset_kinds().into_iter();
+        kinds.map(|(name, cost)| ResetKind { name: name.into(), cost }).collect()
+    }
+
+    fn reset_kind(&self) -> Result<usize> {
+        Ok(self.task.reset_kind(&self.simulation))
     }
 }
 

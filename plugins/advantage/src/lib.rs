@@ -110,7 +110,7 @@ shield_api::export_plugin! {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shield_api::{ErrorKind, Host, PluginConfig, Verdict};
+    use shield_api::{ErrorKind, Host, Phase, PluginConfig, Verdict};
 
     fn create(config: &str) -> Result<Advantage> {
         Advantage::create(Config::parse(config)?, &Setup::new(0, 1, Host::silent()))
@@ -126,6 +126,7 @@ mod tests {
             greedy_values,
             forward_values: &[],
             discount: 0.99,
+            phase: Phase::Forward,
         }
     }
 

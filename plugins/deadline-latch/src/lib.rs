@@ -1,10 +1,10 @@
-//! An abort rule: after an abort, every action is rejected for some steps, whatever the other rules say.
+//! An abort rule: after an abort, every forward action is rejected for some steps, whatever the other rules say.
 #![forbid(unsafe_code)]
 
 use std::fmt::Write;
 
 use shield_api::{
-    AbortRule, Checkpoint, Error, Needs, ObservedDecision, Plugin, Reason, Result, Rows, RuleContext,
+    AbortRule, Checkpoint, Error, Needs, ObservedDecision, Phase, Plugin, Reason, Result, Rows, RuleContext,
     RuleVerdict, Setup,
 };
 
@@ -65,7 +65,8 @@ impl AbortRule for DeadlineLatch {
     }
 
     fn evaluate(&self, context: &RuleContext<'_>, reason: &mut Reason<'_>) -> Result<RuleVerdict> {
-        let remaining = self.remaining(context.step);
+        // It keeps the reset agent in charge, and so never stands in its way.
+        let remaining = if context.phase == Phase::Forward { self.remaining(context.step) } else { 0 };
         if remaining > 0 {
             write!(reason, "an abort keeps the latch closed for {remaining} more steps")
                 .map_err(|error| Error::failed(error.to_string()))?;
@@ -92,7 +93,7 @@ impl AbortRule for DeadlineLatch {
 
 shield_api::export_plugin! {
     abort_rule "deadline-latch" => DeadlineLatch {
-        description: "Rejects every action for some steps after an abort", deterministic: true
+        description: "Rejects every forward action for some steps after an abort", deterministic: true
     }
 }
 
@@ -115,6 +116,7 @@ mod tests {
             greedy_values: &[],
             forward_values: &[],
             discount: 0.99,
+            phase: Phase::Forward,
         }
     }
 
@@ -153,6 +155,15 @@ mod tests {
         observe(&mut rule, 9, true);
         assert_eq!(judge(&rule, 12), Verdict::Reject);
         assert_eq!(judge(&rule, 13), Verdict::Allow);
+    }
+
+    #[test]
+    fn the_reset_agents_exploration_is_held_too() {
+        let mut rule = rule("()");
+        observe(&mut rule, 0, true);
+        let exploring = RuleContext { phase: Phase::Reset, ..context(1) };
+        let judged = rule.evaluate(&exploring, &mut Reason::new(&mut [])).unwrap();
+        assert_eq!((judged.verdict, judge(&rule, 1)), (Verdict::Allow, Verdict::Reject));
     }
 
     #[test]

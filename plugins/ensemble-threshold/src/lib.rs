@@ -96,7 +96,7 @@ shield_api::export_plugin! {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shield_api::{ErrorKind, Host, PluginConfig, Verdict};
+    use shield_api::{ErrorKind, Host, Phase, PluginConfig, Verdict};
 
     fn rule(config: &str) -> EnsembleThreshold {
         let setup = Setup::new(0, 1, Host::silent());
@@ -113,6 +113,7 @@ mod tests {
             greedy_values: &[],
             forward_values: &[],
             discount: 0.99,
+            phase: Phase::Forward,
         }
     }
 

@@ -165,7 +165,7 @@ shield_api::export_plugin! {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shield_api::{ErrorKind, Host, PluginConfig, Spaces, Verdict};
+    use shield_api::{ErrorKind, Host, Phase, PluginConfig, Spaces, Verdict};
 
     fn create(config: &str, action: Space) -> Result<LinearConstraints> {
         let spaces = Spaces { observation: Space::unbounded(1), action };
@@ -186,6 +186,7 @@ mod tests {
             greedy_values: &[],
             forward_values: &[],
             discount: 0.99,
+            phase: Phase::Forward,
         }
     }
 

@@ -164,7 +164,7 @@ shield_api::export_plugin! {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shield_api::{ErrorKind, Host, PluginConfig, Verdict};
+    use shield_api::{ErrorKind, Host, Phase, PluginConfig, Verdict};
 
     fn rule(config: &str) -> Uncertainty {
         Uncertainty::create(Config::parse(config).unwrap(), &Setup::new(0, 1, Host::silent())).unwrap()
@@ -180,6 +180,7 @@ mod tests {
             greedy_values: &[],
             forward_values: &[],
             discount: 0.99,
+            phase: Phase::Forward,
         }
     }
 

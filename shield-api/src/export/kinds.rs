@@ -4,13 +4,13 @@ use std::ffi::c_void;
 
 use super::life::{self, buffer, call, copy_text, required};
 use crate::{
-    AbortRule, ActMode, Batch, Environment, Error, Learner, ObservedDecision, Plugin, Policy, Reason,
+    AbortRule, ActMode, Batch, Environment, Error, Learner, ObservedDecision, Phase, Plugin, Policy, Reason,
     ResetTask, Result, Rows, RuleContext, Verdict,
     abi::{
-        AbortRuleTable, BatchView, EXTENSION_STARTS, EnvironmentTable, Floats, Instance, LearnerInfoView,
-        LearnerTable, LifeTable, ObservedDecisionView, PluginDescriptor, PolicyTable, ResetSignalView,
-        ResetTaskTable, RowSink, RuleContextView, SpaceView, SpecView, StartsTable, StepView, Text,
-        VerdictView, act_mode, kind, need, status, step_flag, verdict,
+        AbortRuleTable, BatchView, CostsTable, EXTENSION_COSTS, EXTENSION_STARTS, EnvironmentTable, Floats,
+        Instance, LearnerInfoView, LearnerTable, LifeTable, ObservedDecisionView, PluginDescriptor,
+        PolicyTable, ResetSignalView, ResetTaskTable, RowSink, RuleContextView, SpaceView, SpecView,
+        StartsTable, StepView, Text, VerdictView, act_mode, kind, need, phase, status, step_flag, verdict,
     },
     check_length,
 };
@@ -152,14 +152,53 @@ unsafe extern "C" fn step<T: Environment>(
 }
 
 unsafe extern "C" fn environment_extension<T: Environment>(name: Text) -> *const c_void {
-    // SAFETY: the host's text lives for the call.
-    if unsafe { name.as_str() } != EXTENSION_STARTS {
-        return std::ptr::null();
-    }
-    let table: &'static StartsTable = const {
+    let starts: &'static StartsTable = const {
         &StartsTable { struct_size: size_of::<StartsTable>(), name: start_name::<T>, reset_to: reset_to::<T> }
     };
-    std::ptr::from_ref(table).cast()
+    let costs: &'static CostsTable = const {
+        &CostsTable {
+            struct_size: size_of::<CostsTable>(),
+            kind: reset_kind_of::<T>,
+            present: present_reset_kind::<T>,
+        }
+    };
+    // SAFETY: the host's text lives for the call.
+    match unsafe { name.as_str() } {
+        EXTENSION_STARTS => std::ptr::from_ref(starts).cast(),
+        EXTENSION_COSTS => std::ptr::from_ref(costs).cast(),
+        _ => std::ptr::null(),
+    }
+}
+
+unsafe extern "C" fn reset_kind_of<T: Environment>(
+    instance: *mut Instance,
+    index: usize,
+    out: *mut u8,
+    capacity: usize,
+    cost: *mut f64,
+) -> usize {
+    let mut length = 0;
+    // SAFETY: the host's promises, as said above.
+    unsafe {
+        call::<T>(instance, |holder| {
+            if let Some(kind) = holder.value.reset_kinds().get(index) {
+                *required(cost, "the place for the cost")? = kind.cost;
+                length = copy_text(&kind.name, out, capacity);
+            }
+            Ok(())
+        });
+    }
+    length
+}
+
+unsafe extern "C" fn present_reset_kind<T: Environment>(instance: *mut Instance, index: *mut usize) -> i32 {
+    // SAFETY: the host's promises, as said above.
+    unsafe {
+        call::<T>(instance, |holder| {
+            *required(index, "the place for the kind")? = holder.value.reset_kind()?;
+            Ok(())
+        })
+    }
 }
 
 unsafe extern "C" fn start_name<T: Environment>(
@@ -330,6 +369,11 @@ unsafe fn read_context<'a>(view: *const RuleContextView) -> Result<RuleContext<'
             greedy_values: view.greedy_values.as_slice(),
             forward_values: view.forward_values.as_slice(),
             discount: view.discount,
+            phase: match view.phase {
+                phase::FORWARD => Phase::Forward,
+                phase::RESET => Phase::Reset,
+                other => return Err(Error::invalid_argument(format!("there is no phase {other}"))),
+            },
         })
     }
 }

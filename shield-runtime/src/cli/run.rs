@@ -208,6 +208,7 @@ fn run_one(session: &Session<'_>, job: &Job<'_>) -> Result<Summary> {
         experiment.shield.deadline_us.is_none() && manifests.iter().all(|manifest| manifest.deterministic);
     let recorder = Recorder::new(folder.clone(), identity.clone(), rules, solved_at)
         .inspect_err(|_| folder.discard())?
+        .reset_kinds(prepared.participants.world.reset_kinds())
         .deterministic(is_deterministic);
     let name = format!("{} seed {}", identity.variant, identity.seed);
     let progress = Progress::new(&session.display, name.clone(), experiment.steps);
@@ -224,7 +225,7 @@ fn run_one(session: &Session<'_>, job: &Job<'_>) -> Result<Summary> {
     progress.finish();
     let ran = ran.with_context(|| format!("{name} failed after {} steps", counters.steps));
     let error = ran.as_ref().err().map(|error| format!("{error:#}"));
-    let summary = recorder.finish(&counters, experiment.steps, experiment.hard_reset_cost, error);
+    let summary = recorder.finish(&counters, experiment.steps, error);
     if ran.is_err() && counters.steps == 0 {
         folder.discard();
     }

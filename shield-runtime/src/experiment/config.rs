@@ -36,7 +36,7 @@ pub struct Experiment {
     /// Greedy episodes in a second instance of the environment, at fixed intervals.
     #[serde(default)]
     pub evaluation: Option<EvaluationConfig>,
-    /// What one hard reset costs; the summary's `hard_reset_cost` is the sum.
+    /// What one hard reset costs, or a factor to the costs that the environment names; the summary's `hard_reset_cost` is the sum.
     #[serde(default = "one")]
     pub hard_reset_cost: f64,
     /// Threads that one run may use. Results do not depend on it.
@@ -159,6 +159,8 @@ pub struct ShieldConfig {
     pub warm_up_steps: u64,
     /// The rules judge the reset agent's exploratory actions too; a rejected one is replaced by its greedy action.
     pub shield_exploration: bool,
+    /// What the forward agent learns from an abort.
+    pub on_abort: OnAbort,
     /// What a caller's buffer holds after an abort where the reset agent's action is not usable. `None`: the action of the space
     /// that is nearest to zero.
     pub fallback_action: Option<Vec<f32>>,
@@ -176,7 +178,31 @@ impl Default for ShieldConfig {
             stop_on_reset: true,
             warm_up_steps: 1_000,
             shield_exploration: false,
+            on_abort: OnAbort::default(),
             fallback_action: None,
+        }
+    }
+}
+
+/// What the forward agent learns from an abort.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Deserialize, Serialize)]
+pub enum OnAbort {
+    /// Nothing, as in the paper: the rejected action was never executed, and the step before it bootstraps.
+    #[default]
+    Nothing,
+    /// The rejected action ends its task: a transition from which nothing more is to be had.
+    Truncate,
+    /// The same, and its reward is −x.
+    Penalise(f32),
+}
+
+impl OnAbort {
+    /// The reward of a rejected action, which is the last of its episode; `None` if it is not learned from.
+    pub fn reward(self) -> Option<f32> {
+        match self {
+            Self::Nothing => None,
+            Self::Truncate => Some(0.0),
+            Self::Penalise(penalty) => Some(-penalty),
         }
     }
 }
@@ -275,6 +301,8 @@ pub struct ExperienceConfig {
     pub on_reset_success: OnResetSuccess,
     /// Whether a failed reset episode ends it.
     pub on_reset_failure: OnResetFailure,
+    /// How much of a hard reset's cost the reset agent loses in the reward of the step before it.
+    pub cost_weight: f32,
 }
 
 impl Default for ExperienceConfig {
@@ -287,6 +315,7 @@ impl Default for ExperienceConfig {
             bootstrap_probability: 1.0,
             on_reset_success: OnResetSuccess::default(),
             on_reset_failure: OnResetFailure::default(),
+            cost_weight: 0.0,
         }
     }
 }

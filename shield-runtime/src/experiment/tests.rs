@@ -139,7 +139,7 @@ fn faults_of_syntax_and_type_are_where_the_user_finds_them() {
     check_field("reset: @(config: ()),", "unexpected missing field named `plugin` in `PluginChoice`");
     check_field(
         "shield: (@rulse: []),",
-        "unexpected field named `rulse` in `ShieldConfig`, expected one of `rules`, `projection`, `deadline_us`, `reset_attempts`, `reset_test`, `between_attempts`, `stop_on_reset`, `warm_up_steps`, `shield_exploration`, or `fallback_action` instead; did you mean `rules`?",
+        "unexpected field named `rulse` in `ShieldConfig`, expected one of `rules`, `projection`, `deadline_us`, `reset_attempts`, `reset_test`, `between_attempts`, `stop_on_reset`, `warm_up_steps`, `shield_exploration`, `on_abort`, or `fallback_action` instead; did you mean `rules`?",
     );
     check_field("threads: 1, @threads: 2", "unexpected duplicate field named `threads` in `Experiment`");
     check_field("threads: @-1", "integer is out of bounds");
@@ -207,6 +207,16 @@ fn values_that_cannot_be_run_are_refused_where_they_stand() {
         "shield: (projection: Some(Qp(weights: Some([1.0, @0.0]))))",
         "the weight 0 is not finite and above 0",
     );
+    for penalty in ["0.0", "-1.0", "inf", "NaN"] {
+        let message = format!("the penalty {} is not finite and above 0", penalty.parse::<f32>().unwrap());
+        check_field(&format!("shield: (on_abort: @Penalise({penalty}))"), &message);
+    }
+    check_field(
+        "shield: (on_abort: @Truncate)",
+        "a finished policy learns from nothing: it takes `forward: Learner(…)`, or `Nothing` here",
+    );
+    check_field("experience: (cost_weight: @-1.0)", "the weight -1 is not finite and at least 0");
+    check_field("experience: (cost_weight: @NaN)", "the weight NaN is not finite and at least 0");
     check_field("experience: (batch: @0)", "a batch needs at least one transition");
     check_field("experience: (batch: @65, capacity: 64)", "a batch of 65 does not fit into a capacity of 64");
     for probability in ["0", "1.5", "-1", "NaN"] {
@@ -290,7 +300,7 @@ fn overrides_of_the_command_line_come_last_and_are_named() {
     check("name=y", "--set name=y: override `name`: expected string; a text needs quotes");
     check(
         "shield.rulse=[]",
-        "--set shield.rulse=[]: override `shield.rulse`: unexpected field named `rulse` in `ShieldConfig`, expected one of `rules`, `projection`, `deadline_us`, `reset_attempts`, `reset_test`, `between_attempts`, `stop_on_reset`, `warm_up_steps`, `shield_exploration`, or `fallback_action` instead; did you mean `rules`?",
+        "--set shield.rulse=[]: override `shield.rulse`: unexpected field named `rulse` in `ShieldConfig`, expected one of `rules`, `projection`, `deadline_us`, `reset_attempts`, `reset_test`, `between_attempts`, `stop_on_reset`, `warm_up_steps`, `shield_exploration`, `on_abort`, or `fallback_action` instead; did you mean `rules`?",
     );
     let steps = Override::new("steps", "0", "--steps 0").unwrap();
     let error = small("").variants(&[steps], None).unwrap_err();
@@ -441,6 +451,7 @@ Experiment(
         stop_on_reset: true,
         warm_up_steps: 1000,
         shield_exploration: false,
+        on_abort: Nothing,
         fallback_action: None,
     ),
     reset_task: None,
@@ -452,6 +463,7 @@ Experiment(
         bootstrap_probability: 1.0,
         on_reset_success: Bootstrap,
         on_reset_failure: Bootstrap,
+        cost_weight: 0.0,
     ),
     evaluation: (
         every: 10000,

@@ -1,8 +1,8 @@
 //! What the types of an experiment cannot say.
 
 use super::config::{
-    EvaluatedAgent, EvaluationConfig, ExperienceConfig, Experiment, Mode, ProjectionConfig, QpConfig,
-    ResetAttempts,
+    EvaluatedAgent, EvaluationConfig, ExperienceConfig, Experiment, Forward, Mode, OnAbort, ProjectionConfig,
+    QpConfig, ResetAttempts,
 };
 
 /// What is wrong, and the path of the value to which it belongs.
@@ -96,10 +96,22 @@ fn shield(experiment: &Experiment) -> Checked {
         ensure(value.is_finite(), path, format!("an action cannot be {value}"))?;
     }
     ensure(settings.deadline_us != Some(0), "shield.deadline_us", "every decision takes longer than 0 µs")?;
+    on_abort(experiment)?;
     match &settings.projection {
         Some(ProjectionConfig::Qp(settings)) => projection(settings),
         Some(ProjectionConfig::Replace) | None => Ok(()),
     }
+}
+
+fn on_abort(experiment: &Experiment) -> Checked {
+    let settings = experiment.shield.on_abort;
+    if let OnAbort::Penalise(penalty) = settings {
+        let message = format!("the penalty {penalty} is not finite and above 0");
+        ensure(penalty.is_finite() && penalty > 0.0, "shield.on_abort", message)?;
+    }
+    let learns = matches!(experiment.forward, Forward::Learner(_));
+    let message = "a finished policy learns from nothing: it takes `forward: Learner(…)`, or `Nothing` here";
+    ensure(learns || settings == OnAbort::Nothing, "shield.on_abort", message)
 }
 
 fn projection(settings: &QpConfig) -> Checked {
@@ -134,6 +146,12 @@ fn experience(settings: &ExperienceConfig) -> Checked {
         batch <= capacity,
         "experience.batch",
         format!("a batch of {batch} does not fit into a capacity of {capacity}"),
+    )?;
+    let weight = settings.cost_weight;
+    ensure(
+        weight.is_finite() && weight >= 0.0,
+        "experience.cost_weight",
+        format!("the weight {weight} is not finite and at least 0"),
     )?;
     ensure(
         probability > 0.0 && probability <= 1.0,

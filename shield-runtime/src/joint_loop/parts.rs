@@ -6,7 +6,7 @@ use crate::{
     agent::{Agent, ForwardAgent},
     evaluation::Evaluator,
     experience::Experience,
-    experiment::{BetweenAttempts, Endings, Mode, ResetTest, Updates},
+    experiment::{BetweenAttempts, Endings, Mode, OnAbort, ResetTest, Updates},
     shield::Shield,
     world::World,
 };
@@ -28,6 +28,12 @@ pub struct LoopSettings {
     pub stop_on_reset: bool,
     /// The rules judge the reset agent's exploratory actions too.
     pub shield_exploration: bool,
+    /// What the forward agent learns from an abort.
+    pub on_abort: OnAbort,
+    /// A factor to the costs of hard resets.
+    pub hard_reset_cost: f64,
+    /// How much of a hard reset's cost the reset agent loses.
+    pub cost_weight: f32,
     /// Who learns after a step.
     pub updates: Updates,
     /// Updates after each step.

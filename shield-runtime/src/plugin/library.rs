@@ -11,7 +11,7 @@ use shield_api::{
     manifest::Manifest,
 };
 
-pub(super) use self::tables::function_table;
+pub(super) use self::tables::{FunctionTable, function_table};
 use super::{
     Kind, PluginError,
     manifest::{Language, check_manifests, read_manifests},

@@ -11,6 +11,7 @@ use std::{
 use anyhow::{Context, Result, bail};
 use csv::Writer;
 use hdrhistogram::Histogram;
+use shield_api::ResetKind;
 
 use super::summary::{Evaluations, Identity, Summary};
 use crate::decision::ProjectionKind;
@@ -107,6 +108,8 @@ pub struct Recorder {
     solved_at: f64,
     deterministic: bool,
     causes: BTreeMap<String, u64>,
+    /// How many of each of the environment's kinds of hard resets.
+    hard_resets: Vec<(String, u64)>,
     decision_ns: Histogram<u32>,
     start: Instant,
     last_flush: Instant,
@@ -133,6 +136,7 @@ impl Recorder {
             "hard_resets",
             "irreversible_entries",
             "forward_steps",
+            "hard_reset_cost",
         ];
         let interventions = [
             "step",
@@ -166,6 +170,7 @@ impl Recorder {
             solved_at,
             deterministic: true,
             causes: BTreeMap::new(),
+            hard_resets: Vec::new(),
             // Up to a minute at three digits; longer decisions count as a minute.
             decision_ns: Histogram::new_with_bounds(1, 60_000_000_000, 3)?,
             start: Instant::now(),
@@ -177,6 +182,13 @@ impl Recorder {
     #[must_use]
     pub fn deterministic(mut self, is_deterministic: bool) -> Self {
         self.deterministic = is_deterministic;
+        self
+    }
+
+    /// Counts hard resets by the environment's kinds of them.
+    #[must_use]
+    pub fn reset_kinds(mut self, kinds: &[ResetKind]) -> Self {
+        self.hard_resets = kinds.iter().map(|kind| (kind.name.clone(), 0)).collect();
         self
     }
 
@@ -198,13 +210,7 @@ impl Recorder {
     ///
     /// # Errors
     /// A file cannot be written.
-    pub fn finish(
-        mut self,
-        counters: &Counters,
-        budget: u64,
-        cost_of_hard_reset: f64,
-        error: Option<String>,
-    ) -> Result<Summary> {
+    pub fn finish(mut self, counters: &Counters, budget: u64, error: Option<String>) -> Result<Summary> {
         self.flush()?;
         let seconds = self.start.elapsed().as_secs_f64();
         let quantile = |q| {
@@ -214,6 +220,7 @@ impl Recorder {
             complete: error.is_none() && counters.steps >= budget,
             error,
             rejected_by_cause: self.causes,
+            hard_resets_by_kind: self.hard_resets.into_iter().collect(),
             final_return: self.results.last.map(|last| last.mean_return),
             best_return: self.results.best_return,
             success_rate: self.results.last.map(|last| last.success_rate),
@@ -223,7 +230,7 @@ impl Recorder {
             steps_per_second: counters.steps as f64 / seconds,
             decision_us_p50: quantile(0.5),
             decision_us_p99: quantile(0.99),
-            ..Summary::new(&self.identity, counters, budget, cost_of_hard_reset)
+            ..Summary::new(&self.identity, counters, budget)
         };
         write_whole(&self.folder.path.join("summary.json"), &serde_json::to_vec_pretty(&summary)?)?;
         Ok(summary)
@@ -269,11 +276,19 @@ impl Observer for Recorder {
     }
 
     fn on_episode(&mut self, episode: &EpisodeRecord, counters: &Counters) -> Result<()> {
+        if let Some(kind) = episode.hard_reset.and_then(|reset| reset.kind) {
+            self.hard_resets[kind].1 += 1;
+        }
         self.metrics.serialize((
             (counters.steps, self.episodes, episode.role.name(), episode.length),
             (episode.forward_return, episode.reset_return, u8::from(episode.success), episode.end),
-            (u8::from(episode.has_reset), u8::from(episode.hard_reset), counters.early_aborts),
-            (counters.hard_resets, counters.irreversible_entries, counters.forward_steps),
+            (u8::from(episode.has_reset), u8::from(episode.hard_reset.is_some()), counters.early_aborts),
+            (
+                counters.hard_resets,
+                counters.irreversible_entries,
+                counters.forward_steps,
+                counters.hard_reset_cost,
+            ),
         ))?;
         self.episodes += 1;
         if self.last_flush.elapsed() >= FLUSH_EVERY {

@@ -54,6 +54,9 @@ pub struct Summary {
     pub hard_resets: u64,
     /// Their costs, summed.
     pub hard_reset_cost: f64,
+    /// Hard resets by the environment's kinds of them; empty where all are alike.
+    #[serde(default)]
+    pub hard_resets_by_kind: BTreeMap<String, u64>,
     /// Entries into irreversible states.
     pub irreversible_entries: u64,
     /// Mean return of the last evaluation.
@@ -114,7 +117,7 @@ impl Evaluations {
 
 impl Summary {
     /// A summary of what was counted; evaluations and times are still empty.
-    pub fn new(identity: &Identity, counters: &Counters, budget: u64, cost_of_hard_reset: f64) -> Self {
+    pub fn new(identity: &Identity, counters: &Counters, budget: u64) -> Self {
         Self {
             experiment: identity.experiment.clone(),
             variant: identity.variant.clone(),
@@ -132,7 +135,8 @@ impl Summary {
             warm_up_decisions: counters.warm_up_decisions,
             exploration_replaced: counters.exploration_replaced,
             hard_resets: counters.hard_resets,
-            hard_reset_cost: counters.hard_resets as f64 * cost_of_hard_reset,
+            hard_reset_cost: counters.hard_reset_cost,
+            hard_resets_by_kind: BTreeMap::new(),
             irreversible_entries: counters.irreversible_entries,
             final_return: None,
             best_return: None,

@@ -1,7 +1,7 @@
 //! The rules, and what they need to judge an action.
 
 use shield_api::{
-    AbortRule, ActMode, Error, Learner, Needs, ObservedDecision, Result, Rows, RuleContext, Verdict,
+    AbortRule, ActMode, Error, Learner, Needs, ObservedDecision, Phase, Result, Rows, RuleContext, Verdict,
     check_finite,
 };
 
@@ -14,6 +14,8 @@ pub(super) struct Jury {
     needs: Vec<Needs>,
     all_needs: Needs,
     discount: f32,
+    /// Whose action is judged.
+    pub phase: Phase,
     values: Vec<f32>,
     greedy_values: Vec<f32>,
     greedy_action: Vec<f32>,
@@ -33,6 +35,7 @@ impl Jury {
             needs,
             all_needs,
             discount: info.discount,
+            phase: Phase::Forward,
             values: vec![f32::NAN; if all_needs.values { info.members } else { 0 }],
             greedy_values: vec![f32::NAN; if all_needs.greedy_values { info.members } else { 0 }],
             greedy_action: vec![0.0; action_len],
@@ -128,6 +131,7 @@ impl Jury {
             greedy_values: &self.greedy_values,
             forward_values: moment.forward_values,
             discount: self.discount,
+            phase: self.phase,
         }
     }
 }

@@ -7,13 +7,13 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use shield_api::{
     AbortRule, ActMode, Batch, Checkpoint, Environment, EnvironmentSpec, Error, Learner, LearnerInfo, Needs,
-    Policy, Reason, Result, RuleContext, RuleVerdict, Space, Spaces, StepOutcome,
+    Policy, Reason, ResetKind, Result, RuleContext, RuleVerdict, Space, Spaces, StepOutcome,
 };
 use shield_runtime::{
     agent::{Agent, ForwardAgent},
     evaluation::Evaluator,
     experience::{AgentRole, Experience},
-    experiment::{BetweenAttempts, Endings, Mode, ProjectionConfig, ResetTest, Updates},
+    experiment::{BetweenAttempts, Endings, Mode, OnAbort, ProjectionConfig, ResetTest, Updates},
     joint_loop::{JointLoop, LoopRandomness, LoopSettings, Participants},
     observer::{Counters, EpisodeRecord, EvaluationRecord, Intervention, Observer},
     shield::{Shield, ShieldSettings},
@@ -32,6 +32,8 @@ pub fn spaces() -> Spaces {
 pub struct Line {
     pub cell: i32,
     pub terminates_at: Option<i32>,
+    /// Kinds of hard resets with their costs; the second is one from the pit.
+    pub kinds: Vec<(&'static str, f64)>,
     /// Everything that was executed: (cell before, action).
     pub log: Arc<Mutex<Vec<(i32, f32)>>>,
     pub resets: Arc<Mutex<Vec<Option<String>>>>,
@@ -39,7 +41,7 @@ pub struct Line {
 
 impl Line {
     pub fn new() -> Self {
-        Self { cell: 0, terminates_at: None, log: Arc::default(), resets: Arc::default() }
+        Self { cell: 0, terminates_at: None, kinds: Vec::new(), log: Arc::default(), resets: Arc::default() }
     }
 }
 
@@ -66,6 +68,14 @@ impl Environment for Line {
         self.cell = 3;
         observation[0] = 3.0;
         Ok(())
+    }
+
+    fn reset_kinds(&self) -> Vec<ResetKind> {
+        self.kinds.iter().map(|(name, cost)| ResetKind { name: (*name).into(), cost: *cost }).collect()
+    }
+
+    fn reset_kind(&self) -> Result<usize> {
+        Ok(usize::from(self.cell == PIT))
     }
 
     fn step(&mut self, action: &[f32], observation: &mut [f32]) -> Result<StepOutcome> {
@@ -239,6 +249,8 @@ pub struct Scene {
     pub projection: Option<ProjectionConfig>,
     pub evaluator: Option<Evaluator>,
     pub bootstrap_probability: f64,
+    /// Transitions that the memory holds: 1, so that every update sees exactly the step before it.
+    pub capacity: usize,
 }
 
 pub fn settings(steps: u64) -> LoopSettings {
@@ -250,6 +262,9 @@ pub fn settings(steps: u64) -> LoopSettings {
         between_attempts: BetweenAttempts::Forward,
         stop_on_reset: true,
         shield_exploration: false,
+        on_abort: OnAbort::Nothing,
+        hard_reset_cost: 1.0,
+        cost_weight: 0.0,
         updates: Updates::Active,
         updates_per_step: 1,
         endings: Endings::default(),
@@ -278,6 +293,7 @@ impl Scene {
             projection: None,
             evaluator: None,
             bootstrap_probability: 1.0,
+            capacity: 1,
         }
     }
 
@@ -287,7 +303,7 @@ impl Scene {
         (counters, notebook)
     }
 
-    /// The memory holds one transition and batches have one row: every update sees exactly the step before it.
+    /// Batches have one row.
     pub fn run_with(self, observer: &mut dyn Observer) -> anyhow::Result<Counters> {
         let stop = AtomicBool::new(false);
         let members = [
@@ -309,7 +325,8 @@ impl Scene {
             reset: self.reset.map(|reset| agent(AgentRole::Reset, reset)),
             shield,
             evaluator: self.evaluator,
-            experience: Experience::new(1, &spaces(), members, self.bootstrap_probability).unwrap(),
+            experience: Experience::new(self.capacity, &spaces(), members, self.bootstrap_probability)
+                .unwrap(),
         };
         let randomness = LoopRandomness { resets: Pcg64::seed_from_u64(2), masks: Pcg64::seed_from_u64(3) };
         let mut joint = JointLoop::new(self.settings, participants, randomness, observer, &stop);

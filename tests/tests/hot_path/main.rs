@@ -56,8 +56,8 @@ fn allocations_per_run(environment: &str, q_min: &str) -> (u64, usize) {
                 observation: world.observation(),
                 action: &action,
                 next_observation: world.next_observation(),
-                forward: AgentShare { reward: outcome.forward_reward, continues: true },
-                reset: AgentShare { reward: outcome.reset_reward, continues: true },
+                forward: Some(AgentShare { reward: outcome.forward_reward, continues: true }),
+                reset: Some(AgentShare { reward: outcome.reset_reward, continues: true }),
             };
             experience.push(&transition, &mut masks);
             world.advance();

@@ -3,8 +3,8 @@
 use std::sync::Mutex;
 
 use shield_api::{
-    AbortRule, Checkpoint, Error, ErrorKind, ObservedDecision, Position, Reason, Result, Rows, RuleContext,
-    RuleVerdict, Verdict,
+    AbortRule, Checkpoint, Error, ErrorKind, ObservedDecision, Phase, Position, Reason, Result, Rows,
+    RuleContext, RuleVerdict, Verdict,
 };
 use shield_runtime::plugin::{LoadedAbortRule, PluginError, Registry, Selection};
 
@@ -25,6 +25,7 @@ fn context(proposed: &[f32]) -> RuleContext<'_> {
         greedy_values: &[],
         forward_values: &[],
         discount: 0.9,
+        phase: Phase::Forward,
     }
 }
 

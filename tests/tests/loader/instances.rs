@@ -46,6 +46,21 @@ fn an_environment_steps_starts_and_continues() {
 }
 
 #[test]
+fn the_kind_of_a_hard_reset_is_lost_or_one_that_does_not_exist_is_believed() {
+    let mut line = line("").unwrap();
+    let kinds: Vec<_> = line.reset_kinds().into_iter().map(|kind| (kind.name, kind.cost)).collect();
+    assert_eq!(kinds, [("near".to_owned(), 0.5), ("far".to_owned(), 8.0)]);
+    let mut observation = [0.0; 2];
+    line.reset(1, &mut observation).unwrap();
+    assert_eq!(line.reset_kind(), Ok(1));
+    line.reset(2, &mut observation).unwrap();
+    let error = line.reset_kind().unwrap_err();
+    assert_eq!(error.message(), "fixture/line: `present` gave the kind 2 of a hard reset; there are 2");
+    line.reset_to("left", 0, &mut observation).unwrap();
+    assert_eq!(line.reset_kind().unwrap_err().message(), "fixture/line: lost");
+}
+
+#[test]
 fn a_discrete_observation_is_one_hot_or_an_error() {
     let setup = Setup::new(0, 1, host());
     let mut cells = Registry::default().environment(&choice("fixture/cells"), "", &setup).unwrap();
@@ -104,6 +119,7 @@ fn a_policy_a_rule_and_a_reset_task_answer() {
         greedy_values: &[1.0],
         forward_values: &[],
         discount: 0.9,
+        phase: Phase::Forward,
     };
     let mut room = [0; 64];
     let judged = rule.evaluate(&context, &mut Reason::new(&mut room)).unwrap();

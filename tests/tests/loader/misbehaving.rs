@@ -41,6 +41,7 @@ const CONTEXT: RuleContext<'static> = RuleContext {
     greedy_values: &[],
     forward_values: &[],
     discount: 0.9,
+    phase: Phase::Forward,
 };
 
 fn check_failed<T: std::fmt::Debug>(outcome: Result<T>, expected: &str) {

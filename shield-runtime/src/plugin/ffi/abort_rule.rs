@@ -8,11 +8,11 @@ use std::{
 };
 
 use shield_api::{
-    AbortRule, Error, Needs, ObservedDecision, Reason, Result, Rows, RuleContext, RuleVerdict, Setup, Spaces,
-    Verdict,
+    AbortRule, Error, Needs, ObservedDecision, Phase, Reason, Result, Rows, RuleContext, RuleVerdict, Setup,
+    Spaces, Verdict,
     abi::{
-        AbortRuleTable, Floats, ObservedDecisionView, RowSink, RuleContextView, VerdictView, need, status,
-        verdict,
+        AbortRuleTable, Floats, ObservedDecisionView, RowSink, RuleContextView, VerdictView, need, phase,
+        status, verdict,
     },
     check_finite,
 };
@@ -84,6 +84,10 @@ fn view(context: &RuleContext<'_>) -> RuleContextView {
         greedy_values: Floats::new(context.greedy_values),
         forward_values: Floats::new(context.forward_values),
         discount: context.discount,
+        phase: match context.phase {
+            Phase::Forward => phase::FORWARD,
+            Phase::Reset => phase::RESET,
+        },
     }
 }
 

@@ -1,18 +1,21 @@
 //! A loaded environment.
 
 use shield_api::{
-    Environment, EnvironmentSpec, ErrorKind, Result, Setup, Space, Spaces, StepOutcome,
+    Environment, EnvironmentSpec, ErrorKind, ResetKind, Result, Setup, Space, Spaces, StepOutcome,
     abi::{
-        EXTENSION_STARTS, EnvironmentTable, Floats, SpaceView, SpecView, StartsTable, StepView, Text,
-        step_flag,
+        CostsTable, EXTENSION_COSTS, EXTENSION_STARTS, EnvironmentTable, Floats, Instance, SpaceView,
+        SpecView, StartsTable, StepView, Text, step_flag,
     },
 };
 
 use super::handle::{Handle, checkpoint, described_wrongly, while_creating};
-use crate::plugin::{PluginError, library::function_table};
+use crate::plugin::{
+    PluginError,
+    library::{FunctionTable, function_table},
+};
 
-/// No environment has more named starts; a plugin that never stops naming them is stopped here.
-const MOST_STARTS: usize = 10_000;
+/// No environment has more named starts or kinds of hard resets; a plugin that never stops naming them is stopped here.
+const MOST_NAMES: usize = 10_000;
 const LONGEST_NAME: usize = 256;
 const KNOWN_FLAGS: u32 =
     step_flag::IN_RESET_SET | step_flag::TERMINATED | step_flag::SUCCESS | step_flag::IRREVERSIBLE;
@@ -24,6 +27,8 @@ pub struct LoadedEnvironment {
     table: &'static EnvironmentTable,
     starts_table: Option<&'static StartsTable>,
     starts: Vec<String>,
+    costs_table: Option<&'static CostsTable>,
+    reset_kinds: Vec<ResetKind>,
     spec: EnvironmentSpec,
 }
 
@@ -38,20 +43,22 @@ impl LoadedEnvironment {
     ) -> Result<Self, PluginError> {
         let handle = Handle::create(id, &table.life, config, setup)?;
         let spec = read_spec(id, &handle, table)?;
-        // SAFETY: the name lives for the call.
-        let extension = unsafe { (table.life.get_extension)(Text::new(EXTENSION_STARTS)) };
-        let starts_table = if extension.is_null() {
-            None
-        } else {
-            // SAFETY: under this name a plugin gives a `StartsTable`, a constant of its library.
-            let checked = unsafe { function_table::<StartsTable>(extension.cast()) };
-            Some(checked.map_err(|what| described_wrongly(id, what))?)
+        // SAFETY: under each name a plugin gives the table of that name.
+        let (starts_table, costs_table) = unsafe {
+            (
+                extension::<StartsTable>(id, table, EXTENSION_STARTS)?,
+                extension::<CostsTable>(id, table, EXTENSION_COSTS)?,
+            )
         };
         let starts = match starts_table {
             Some(table) => read_starts(&handle, table).map_err(|error| while_creating(id, &error))?,
             None => Vec::new(),
         };
-        Ok(Self { handle, table, starts_table, starts, spec })
+        let reset_kinds = match costs_table {
+            Some(table) => read_reset_kinds(&handle, table).map_err(|error| while_creating(id, &error))?,
+            None => Vec::new(),
+        };
+        Ok(Self { handle, table, starts_table, starts, costs_table, reset_kinds, spec })
     }
 
     fn check_observation(&self, function: &str, observation: &[f32]) -> Result<()> {
@@ -131,6 +138,43 @@ impl Environment for LoadedEnvironment {
         })?;
         self.check_observation("reset_to", observation)
     }
+
+    fn reset_kinds(&self) -> Vec<ResetKind> {
+        self.reset_kinds.clone()
+    }
+
+    fn reset_kind(&self) -> Result<usize> {
+        let Some(table) = self.costs_table else {
+            return Err(self.handle.error(ErrorKind::Unsupported, "has no kinds of hard resets"));
+        };
+        let mut index = usize::MAX;
+        // SAFETY: the instance is of this table; the place lives for the call.
+        self.handle.call(|instance| unsafe { (table.present)(instance, &mut index) })?;
+        if index < self.reset_kinds.len() {
+            return Ok(index);
+        }
+        let known = self.reset_kinds.len();
+        Err(self.handle.broken(format!("`present` gave the kind {index} of a hard reset; there are {known}")))
+    }
+}
+
+/// The environment's extension of this name; `None` if it has none.
+///
+/// # Safety
+/// Under this name a plugin gives a `T`, a constant of its library.
+unsafe fn extension<T: FunctionTable>(
+    id: &str,
+    table: &EnvironmentTable,
+    name: &str,
+) -> Result<Option<&'static T>, PluginError> {
+    // SAFETY: the name lives for the call.
+    let extension = unsafe { (table.life.get_extension)(Text::new(name)) };
+    if extension.is_null() {
+        return Ok(None);
+    }
+    // SAFETY: the caller's promise.
+    let checked = unsafe { function_table::<T>(extension.cast()) };
+    checked.map(Some).map_err(|what| described_wrongly(id, what))
 }
 
 fn read_spec(
@@ -172,21 +216,44 @@ fn read_spec(
 }
 
 fn read_starts(handle: &Handle, table: &'static StartsTable) -> Result<Vec<String>> {
+    read_names(handle, "start", |instance, index, buffer| {
+        // SAFETY: the instance is of this plugin; the buffer is as long as said.
+        unsafe { (table.name)(instance, index, buffer.as_mut_ptr(), buffer.len()) }
+    })
+}
+
+fn read_reset_kinds(handle: &Handle, table: &'static CostsTable) -> Result<Vec<ResetKind>> {
+    let mut costs = Vec::new();
+    let names = read_names(handle, "kind of hard reset", |instance, index, buffer| {
+        let mut cost = f64::NAN;
+        // SAFETY: the instance is of this plugin; the buffer is as long as said, and the place lives for the call.
+        let length = unsafe { (table.kind)(instance, index, buffer.as_mut_ptr(), buffer.len(), &mut cost) };
+        costs.push(cost);
+        length
+    })?;
+    Ok(names.into_iter().zip(costs).map(|(name, cost)| ResetKind { name, cost }).collect())
+}
+
+/// Reads names until one is empty. `ask` writes the name of an index into the buffer and returns its full length.
+fn read_names(
+    handle: &Handle,
+    what: &str,
+    mut ask: impl FnMut(*mut Instance, usize, &mut [u8]) -> usize,
+) -> Result<Vec<String>> {
     let mut names = Vec::new();
     loop {
         let mut buffer = [0; LONGEST_NAME];
         let mut length = 0;
         handle.call(|instance| {
-            // SAFETY: the instance is of this plugin; the buffer is as long as said.
-            length = unsafe { (table.name)(instance, names.len(), buffer.as_mut_ptr(), buffer.len()) };
+            length = ask(instance, names.len(), &mut buffer);
             shield_api::abi::status::OK
         })?;
         if length == 0 {
             return Ok(names);
         }
-        if length > LONGEST_NAME || names.len() == MOST_STARTS {
+        if length > LONGEST_NAME || names.len() == MOST_NAMES {
             return Err(handle.broken(format!(
-                "its start {} has a name of {length} bytes; at most {MOST_STARTS} starts with {LONGEST_NAME} bytes are read",
+                "its {what} {} has a name of {length} bytes; at most {MOST_NAMES} names of {LONGEST_NAME} bytes are read",
                 names.len()
             )));
         }

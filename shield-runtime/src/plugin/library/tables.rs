@@ -5,8 +5,8 @@ use std::path::Path;
 
 use shield_api::{
     abi::{
-        ABI_MAJOR, AbortRuleTable, EnvironmentTable, LearnerTable, PluginDescriptor, PluginLibrary,
-        PolicyTable, ResetTaskTable, StartsTable,
+        ABI_MAJOR, AbortRuleTable, CostsTable, EnvironmentTable, LearnerTable, PluginDescriptor,
+        PluginLibrary, PolicyTable, ResetTaskTable, StartsTable,
     },
     manifest::{Manifest, decode},
 };
@@ -49,6 +49,7 @@ function_tables! {
     ResetTaskTable, "reset-task":
         ["create", "destroy", "save", "load", "last_error", "get_extension", "evaluate", "observe_start"];
     StartsTable, "starts": ["name", "reset_to"];
+    CostsTable, "costs": ["kind", "present"];
 }
 
 /// Checks pointer and size of a struct that begins with its own size.
