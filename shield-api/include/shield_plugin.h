@@ -22,6 +22,8 @@
 #define SHIELD_ENTRY_SYMBOL "shield_plugin_entry_v1"
 // Extension of an environment: `StartsTable`.
 #define SHIELD_EXTENSION_STARTS "shield.environment.starts/1"
+// Extension of an environment: `CostsTable`.
+#define SHIELD_EXTENSION_COSTS "shield.environment.costs/1"
 
 // The statuses. A number that is not listed counts as `FAILED`(status::FAILED).
 // The call did what it should.
@@ -80,6 +82,12 @@
 #define SHIELD_VERDICT_ALLOW 1
 // The action must not be executed.
 #define SHIELD_VERDICT_REJECT 2
+
+// Whose action a rule judges, as `RuleContextView::phase`.
+// The forward agent's.
+#define SHIELD_PHASE_FORWARD 1
+// The reset agent's.
+#define SHIELD_PHASE_RESET 2
 
 // The modes of `LearnerTable::act`.
 // With exploration noise.
@@ -247,6 +255,21 @@ typedef struct ShieldStartsTable {
                       size_t length);
 } ShieldStartsTable;
 
+// Extension of environments: kinds of hard resets, and what they cost.
+typedef struct ShieldCostsTable {
+  // Size of this struct in bytes.
+  size_t struct_size;
+  // Copies the name of the kind with the given index into `buffer` and stores its cost; returns the name's full length, 0 if there is
+  // no such index.
+  size_t (*kind)(ShieldInstance *instance,
+                 size_t index,
+                 uint8_t *buffer,
+                 size_t capacity,
+                 double *cost);
+  // Stores the index of the kind that a hard reset from the present state would be.
+  int32_t (*present)(ShieldInstance *instance, size_t *index);
+} ShieldCostsTable;
+
 // What `LearnerTable::info` fills.
 typedef struct ShieldLearnerInfoView {
   // Size of the ensemble.
@@ -340,6 +363,8 @@ typedef struct ShieldRuleContextView {
   struct ShieldFloats forward_values;
   // γ of the reset agent.
   float discount;
+  // One of `phase`.
+  uint32_t phase;
 } ShieldRuleContextView;
 
 // What `AbortRuleTable::evaluate` fills. The buffer for the reason is the host's.
