@@ -202,7 +202,7 @@ fn run_one(session: &Session<'_>, job: &Job<'_>) -> Result<Summary> {
         fields.into_iter().flatten().map(|field| (field.name.clone(), field.default.clone())).collect()
     };
     folder.create(&variant.resolved_ron(identity.seed, &fields_of), session.overwrite)?;
-    let rules = experiment.shield.rules.iter().map(|rule| rule.plugin.clone()).collect();
+    let rules = experiment.rules().map(|choice| choice.plugin.clone()).collect();
     let solved_at = experiment.evaluation.as_ref().map_or(1.0, |evaluation| evaluation.solved_at);
     let is_deterministic =
         experiment.shield.deadline_us.is_none() && manifests.iter().all(|manifest| manifest.deterministic);
