@@ -16,16 +16,17 @@ pub struct Needs {
 }
 
 /// Whose action is judged.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Phase {
     /// The forward agent's, which does the task.
+    #[default]
     Forward,
     /// The reset agent's exploration, which undoes it.
     Reset,
 }
 
-/// Everything that a rule may look at.
-#[derive(Debug, Clone, Copy)]
+/// Everything that a rule may look at. Empty by default, so that a test names only what it is about.
+#[derive(Debug, Clone, Copy, Default)]
 pub struct RuleContext<'a> {
     /// Environment steps so far, both phases.
     pub step: u64,

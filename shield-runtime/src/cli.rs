@@ -1,7 +1,7 @@
 //! The command line: arguments in, exit code out.
 
 mod env;
-mod plugins;
+mod plugin;
 mod progress;
 mod run;
 mod table;
@@ -32,6 +32,8 @@ Examples:
   shield run my.ron --set shield.rules[0].config.q_min=5 --out elsewhere
   shield plugin list                                       what can be named in an experiment
   shield env bench mujoco/cliff-cheetah                    how fast an environment steps
+  shield plugin info ddpg                                  its configuration, to copy from
+  shield plugin new acme/my-rule --kind abort-rule         a plugin of your own, ready to build
 
 Exit codes: 0 done, 1 a run failed, 2 the input is wrong, 130 stopped by Ctrl-C.";
 
@@ -39,18 +41,12 @@ Exit codes: 0 done, 1 a run failed, 2 the input is wrong, 130 stopped by Ctrl-C.
 enum Command {
     /// Runs an experiment: every variant with every seed.
     Run(run::RunArguments),
-    /// Shows plugins.
+    /// Finds, shows, makes and pins plugins.
     #[command(subcommand)]
-    Plugin(PluginCommand),
+    Plugin(plugin::PluginCommand),
     /// Lists and measures environments.
     #[command(subcommand)]
     Env(env::EnvCommand),
-}
-
-#[derive(Subcommand)]
-enum PluginCommand {
-    /// Lists the plugins on the search path, without loading any, and why files were passed over.
-    List,
 }
 
 /// What ends the command with something else than 0.
@@ -93,10 +89,7 @@ pub fn main() -> ExitCode {
     let registry = Registry::scan(&SearchPath::from_environment());
     let done = match &arguments.command {
         Command::Run(arguments) => run::run(arguments, &registry),
-        Command::Plugin(PluginCommand::List) => {
-            plugins::list(&registry, None);
-            Ok(())
-        }
+        Command::Plugin(command) => plugin::run(command, &registry),
         Command::Env(command) => env::run(command, &registry),
     };
     match done {

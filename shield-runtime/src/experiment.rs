@@ -5,6 +5,7 @@ mod edit;
 mod error;
 mod overrides;
 mod path;
+mod pins;
 mod resolved;
 #[cfg(test)]
 mod tests;
@@ -20,7 +21,7 @@ use serde::de::IgnoredAny;
 pub use config::{
     BetweenAttempts, Endings, EvaluatedAgent, EvaluationConfig, ExperienceConfig, Experiment, Forward, Mode,
     OnAbort, OnResetFailure, OnResetSuccess, PluginChoice, ProjectionConfig, QpConfig, ResetAttempts,
-    ResetTest, RuleConfig, ShieldConfig, Unlimited, Updates,
+    ResetTest, ShieldConfig, Unlimited, Updates,
 };
 pub use error::{InputError, Location};
 pub use overrides::Override;
@@ -83,15 +84,20 @@ impl ExperimentFile {
         }
         let is_wanted = |name: &str| only.is_none_or(|wanted| wanted.iter().any(|one| one == name));
         if declared.is_empty() {
-            return Ok(vec![Variant::read(self, ONLY_VARIANT, false, sets.to_vec())?]);
+            let variant = Variant::read(self, ONLY_VARIANT, false, sets.to_vec())?;
+            pins::check_used(std::slice::from_ref(&variant))?;
+            return Ok(vec![variant]);
         }
+        let read = |Declared { name, mut overrides, .. }| {
+            overrides.extend_from_slice(sets);
+            Variant::read(self, &name, true, overrides)
+        };
         let wanted = declared.into_iter().filter(|variant| is_wanted(&variant.name));
-        wanted
-            .map(|Declared { name, mut overrides, .. }| {
-                overrides.extend_from_slice(sets);
-                Variant::read(self, &name, true, overrides)
-            })
-            .collect()
+        let variants = wanted.map(read).collect::<Result<Vec<_>, _>>()?;
+        if only.is_none() {
+            pins::check_used(&variants)?;
+        }
+        Ok(variants)
     }
 
     fn declared(&self) -> Result<Vec<Declared>, Fault> {

@@ -10,5 +10,4 @@ pub mod observer;
 pub mod plugin;
 pub mod run;
 pub mod shield;
-pub mod shielded;
 pub mod world;

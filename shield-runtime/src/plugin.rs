@@ -4,6 +4,7 @@
 //! - `manifest` reads manifests without executing anything.
 //! - [`Library`] loads one file and checks every table of it before the first call.
 //! - [`Registry`] scans folders, finds ids, and makes instances.
+//! - `trust` asks, before that, who may have written the file and whether it is the one that was meant.
 //! - `ffi` holds the wrappers: they implement the traits of `shield_api` and let nothing through that is not a number.
 
 mod error;
@@ -12,6 +13,7 @@ mod library;
 mod manifest;
 mod registry;
 mod search_path;
+mod trust;
 
 pub use error::PluginError;
 pub use ffi::{
@@ -20,8 +22,9 @@ pub use ffi::{
 };
 pub use library::Library;
 pub use manifest::read_manifests;
-pub use registry::{Entry, Registry, Selection, Skipped};
+pub use registry::{Entry, Identity, Registry, Selection, Skipped};
 pub use search_path::SearchPath;
+pub use trust::fingerprint;
 
 use std::fmt;
 

@@ -8,7 +8,7 @@ use rand_pcg::Pcg64;
 use shield_api::{Environment, Setup, Space};
 use shield_runtime::plugin::{Kind, LoadedEnvironment, Registry, Selection, host};
 
-use super::{Failure, plugins};
+use super::{Failure, plugin};
 
 #[derive(Subcommand)]
 pub enum EnvCommand {
@@ -47,7 +47,7 @@ pub struct BenchArguments {
 
 pub fn run(command: &EnvCommand, registry: &Registry) -> Result<(), Failure> {
     match command {
-        EnvCommand::List => plugins::list(registry, Some(Kind::Environment)),
+        EnvCommand::List => plugin::list(registry, Some(Kind::Environment)),
         EnvCommand::Bench(arguments) => bench(arguments, registry)?,
     }
     Ok(())

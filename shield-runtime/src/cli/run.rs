@@ -12,13 +12,14 @@ use std::{
 
 use anyhow::{Context, Result, anyhow};
 use clap::Args;
+use indexmap::IndexMap;
 use indicatif::MultiProgress;
 use shield_api::manifest::Manifest;
 use shield_runtime::{
     experiment::{Experiment, ExperimentFile, Override, PluginChoice, Variant},
     joint_loop::JointLoop,
     observer::Fanout,
-    plugin::{Registry, clear_metrics, read_manifests},
+    plugin::{Registry, Selection, clear_metrics, read_manifests},
     run::{Identity, Recorder, RunFolder, Summary, prepare},
 };
 
@@ -201,8 +202,9 @@ fn run_one(session: &Session<'_>, job: &Job<'_>) -> Result<Summary> {
         let fields = manifests.iter().find(|manifest| manifest.id == id).map(|manifest| &manifest.fields);
         fields.into_iter().flatten().map(|field| (field.name.clone(), field.default.clone())).collect()
     };
-    folder.create(&variant.resolved_ron(identity.seed, &fields_of), session.overwrite)?;
-    let rules = experiment.rules().map(|choice| choice.plugin.clone()).collect();
+    let config = variant.resolved_ron(identity.seed, &fields_of);
+    folder.create(&config, &plugins_json(session.registry, experiment)?, session.overwrite)?;
+    let rules = experiment.shield.rules.iter().map(|rule| rule.plugin.clone()).collect();
     let solved_at = experiment.evaluation.as_ref().map_or(1.0, |evaluation| evaluation.solved_at);
     let is_deterministic =
         experiment.shield.deadline_us.is_none() && manifests.iter().all(|manifest| manifest.deterministic);
@@ -232,6 +234,16 @@ fn run_one(session: &Session<'_>, job: &Job<'_>) -> Result<Summary> {
     ran.and(summary)
 }
 
+/// Which plugin each field of the experiment is, with version and hash: what `plugins.json` holds.
+fn plugins_json(registry: &Registry, experiment: &Experiment) -> Result<String> {
+    let mut identities = IndexMap::new();
+    for (path, kind, choice) in experiment.plugins() {
+        let selection = Selection { path: choice.path.clone(), ..Selection::new(&choice.plugin) };
+        identities.insert(path, registry.identify(&selection, kind)?);
+    }
+    Ok(serde_json::to_string_pretty(&identities)? + "\n")
+}
+
 /// The manifests of every plugin that the experiment names, from the file that it is loaded from.
 fn manifests(registry: &Registry, experiment: &Experiment) -> Vec<Manifest> {
     let of_choice = |choice: &PluginChoice| match &choice.path {
@@ -244,5 +256,5 @@ fn manifests(registry: &Registry, experiment: &Experiment) -> Vec<Manifest> {
             entries.find(|entry| entry.manifest.id == choice.plugin).map(|entry| entry.manifest.clone())
         }
     };
-    experiment.plugins().into_iter().filter_map(|(_, choice)| of_choice(choice)).collect()
+    experiment.plugins().into_iter().filter_map(|(_, _, choice)| of_choice(choice)).collect()
 }

@@ -8,7 +8,7 @@ use shield_api::{
 };
 use thiserror::Error;
 
-use super::Kind;
+use super::{Kind, trust::ALLOW_WRITABLE};
 
 /// Why a plugin cannot be used. Each message names the file, the values that disagree, and what helps.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
@@ -64,6 +64,28 @@ pub enum PluginError {
         path: PathBuf,
         /// The plugin.
         id: String,
+    },
+    /// Others on this machine could have replaced the library.
+    #[error("{}: {} is writable by every user of this machine, so that anyone could decide what runs here; take that \
+             right away (`chmod o-w`), or set {}=1 if you trust them all", path.display(), writable.display(), ALLOW_WRITABLE)]
+    Writable {
+        /// The library.
+        path: PathBuf,
+        /// The file, or the folder that it is in.
+        writable: PathBuf,
+    },
+    /// The library is not the one that the experiment pins.
+    #[error("{}: its SHA-256 is {found}, but the experiment pins {id:?} to {pinned}; nothing of it was executed. Bring the \
+             file that was meant or, if you trust this one, pin it with `shield plugin lock`", path.display())]
+    NotPinned {
+        /// The library.
+        path: PathBuf,
+        /// The plugin.
+        id: String,
+        /// What the experiment says.
+        pinned: String,
+        /// What the file has.
+        found: String,
     },
     /// The system's loader refuses the library, for example for an undefined symbol.
     #[error("{}: the system cannot load it: {reason}", path.display())]
@@ -147,8 +169,8 @@ pub enum PluginError {
     UnknownId {
         /// What was asked for.
         id: String,
-        /// The kind that was asked for.
-        wanted: Kind,
+        /// The kind that was asked for, or `plugin`.
+        wanted: &'static str,
         /// Ids that look alike.
         similar: Vec<String>,
         /// Where the host looked, with what it found there.

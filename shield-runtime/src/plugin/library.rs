@@ -15,6 +15,7 @@ pub(super) use self::tables::{FunctionTable, function_table};
 use super::{
     Kind, PluginError,
     manifest::{Language, check_manifests, read_manifests},
+    trust::check_writable,
 };
 
 /// A library whose tables were checked. It stays in the process for ever: instances and tables point into it.
@@ -82,6 +83,7 @@ impl Library {
             .map_err(|error| PluginError::Unreadable { path: path.into(), reason: error.to_string() })?;
         let manifests = read_manifests(&path)?;
         let language = check_manifests(&path, &manifests)?;
+        check_writable(&path)?;
         let opened = open(&path)?;
         let list = match language {
             Language::Rust => rust_door::enter(&path, opened)?,

@@ -7,6 +7,7 @@ use std::{
     sync::{Arc, Mutex, PoisonError},
 };
 
+use serde::Serialize;
 use shield_api::{Setup, manifest::Manifest};
 
 use super::{
@@ -14,6 +15,7 @@ use super::{
     SearchPath,
     library::{KindTable, Library},
     manifest::{check_manifests, read_manifests},
+    trust::{check_writable, fingerprint},
 };
 
 /// A plugin that was found. Nothing of its file has been executed yet.
@@ -45,12 +47,14 @@ pub struct Selection {
     pub id: String,
     /// The file to load it from, instead of the search path.
     pub path: Option<PathBuf>,
+    /// The SHA-256 that the file must have, as [`fingerprint`] writes it; checked before anything of the file is executed.
+    pub sha256: Option<String>,
 }
 
 impl Selection {
     /// The plugin of that id, wherever the search path has it.
     pub fn new(id: impl Into<String>) -> Self {
-        Self { id: id.into(), path: None }
+        Self { id: id.into(), path: None, sha256: None }
     }
 
     /// The plugin of that id in the given file.
@@ -59,6 +63,23 @@ impl Selection {
         self.path = Some(path.into());
         self
     }
+}
+
+/// Which plugin it was, exactly: what a run's folder says of each that it used.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Identity {
+    /// Its id.
+    pub id: String,
+    /// Which kind it is.
+    pub kind: &'static str,
+    /// Its version.
+    pub version: String,
+    /// Version of the interface that it was built with.
+    pub interface: String,
+    /// `rust` or `c`.
+    pub language: String,
+    /// SHA-256 of its file.
+    pub sha256: String,
 }
 
 /// The plugins of a search path, and the libraries that were loaded so far. Several threads may use one registry.
@@ -108,7 +129,7 @@ impl Registry {
         if self.entries.iter().any(|entry| is_known(entry) && is_same_content(&entry.path, path)) {
             return;
         }
-        if let Err(reason) = check_manifests(path, &manifests) {
+        if let Err(reason) = check_manifests(path, &manifests).and_then(|_| check_writable(path)) {
             let ids = manifests.into_iter().map(|manifest| manifest.id).collect();
             return self.skipped.push(skipped(ids, reason));
         }
@@ -156,7 +177,7 @@ impl Registry {
                 found: entry.kind,
                 wanted,
             }),
-            [] => Err(self.unknown(id, wanted)),
+            [] => Err(self.unknown(id, Some(wanted))),
             _ => Err(PluginError::DuplicateId {
                 id: id.into(),
                 paths: found.into_iter().map(|entry| entry.path.clone()).collect(),
@@ -164,7 +185,16 @@ impl Registry {
         }
     }
 
-    fn unknown(&self, id: &str, wanted: Kind) -> PluginError {
+    /// Every plugin of that id, of whatever kind and in however many files.
+    ///
+    /// # Errors
+    /// There is none, or its file was passed over.
+    pub fn named(&self, id: &str) -> Result<Vec<&Entry>, PluginError> {
+        let found: Vec<&Entry> = self.entries.iter().filter(|entry| entry.manifest.id == id).collect();
+        if found.is_empty() { Err(self.unknown(id, None)) } else { Ok(found) }
+    }
+
+    fn unknown(&self, id: &str, wanted: Option<Kind>) -> PluginError {
         if let Some(skipped) = self.skipped.iter().find(|skipped| skipped.ids.iter().any(|other| other == id))
         {
             return skipped.reason.clone();
@@ -172,14 +202,14 @@ impl Registry {
         let mut similar: Vec<(f64, &str)> = self
             .entries
             .iter()
-            .filter(|entry| entry.kind == wanted)
+            .filter(|entry| wanted.is_none_or(|wanted| entry.kind == wanted))
             .map(|entry| (likeness(id, &entry.manifest.id), entry.manifest.id.as_str()))
             .filter(|(likeness, _)| *likeness >= 0.5)
             .collect();
         similar.sort_by(|left, right| right.0.total_cmp(&left.0));
         PluginError::UnknownId {
             id: id.into(),
-            wanted,
+            wanted: wanted.map_or("plugin", Kind::name),
             similar: similar.into_iter().take(3).map(|(_, id)| format!("{id:?}")).collect(),
             searched: self.searched.clone(),
         }
@@ -250,11 +280,43 @@ impl Registry {
         LoadedResetTask::create(&choice.id, self.table(choice)?, config, setup)
     }
 
+    /// Which plugin a choice means, from its file alone: nothing is executed.
+    ///
+    /// # Errors
+    /// No file holds it, or the file cannot be read.
+    pub fn identify(&self, choice: &Selection, kind: Kind) -> Result<Identity, PluginError> {
+        let path = self.file(choice, kind)?;
+        let manifests = read_manifests(path)?;
+        let present = || manifests.iter().map(|manifest| manifest.id.clone()).collect();
+        let manifest = manifests.iter().find(|manifest| manifest.id == choice.id).ok_or_else(|| {
+            PluginError::NotInFile { path: path.into(), id: choice.id.clone(), present: present() }
+        })?;
+        Ok(Identity {
+            id: choice.id.clone(),
+            kind: kind.name(),
+            version: manifest.version.clone(),
+            interface: format!("{}.{}", manifest.abi.0, manifest.abi.1),
+            language: manifest.language.clone(),
+            sha256: fingerprint(path)?,
+        })
+    }
+
+    fn file<'a>(&'a self, choice: &'a Selection, kind: Kind) -> Result<&'a Path, PluginError> {
+        match &choice.path {
+            Some(path) => Ok(path),
+            None => Ok(&self.find(&choice.id, kind)?.path),
+        }
+    }
+
     fn table<T: KindTable>(&self, choice: &Selection) -> Result<&'static T, PluginError> {
-        let path = match &choice.path {
-            Some(path) => path,
-            None => &self.find(&choice.id, T::KIND)?.path,
-        };
+        let path = self.file(choice, T::KIND)?;
+        if let Some(pinned) = &choice.sha256 {
+            let found = fingerprint(path)?;
+            if found != *pinned {
+                let (path, id) = (path.into(), choice.id.clone());
+                return Err(PluginError::NotPinned { path, id, pinned: pinned.clone(), found });
+            }
+        }
         self.library(path)?.table(&choice.id)
     }
 

@@ -11,12 +11,11 @@ use crate::{
     evaluation::Evaluator,
     experience::{AgentRole, Experience},
     experiment::{
-        EvaluatedAgent, EvaluationConfig, Experiment, Forward, InputError, Mode, PluginChoice, RuleConfig,
-        Variant,
+        EvaluatedAgent, EvaluationConfig, Experiment, Forward, InputError, Mode, PluginChoice, Variant,
     },
     joint_loop::{LoopRandomness, LoopSettings, Participants},
     plugin::{self, PluginError, Registry, Selection},
-    shield::{Ladder, LadderSettings, RuleTree},
+    shield::{Shield, ShieldSettings},
     world::World,
 };
 
@@ -124,14 +123,14 @@ impl Builder<'_> {
         let setup = Setup::new(derived_seed(self.seed, environment), self.experiment.threads, plugin::host());
         let environment = self
             .registry
-            .environment(&selection(choice), choice.config.get_ron(), &setup)
+            .environment(&self.selection(choice), choice.config.get_ron(), &setup)
             .map_err(|error| self.input_error("environment", error))?;
         let spaces = shield_api::Environment::spec(&environment).spaces;
         let task: Option<Box<dyn shield_api::ResetTask>> = match &self.experiment.reset_task {
             None => None,
             Some(choice) => Some(Box::new(
                 self.registry
-                    .reset_task(&selection(choice), choice.config.get_ron(), &self.setup(task, &spaces))
+                    .reset_task(&self.selection(choice), choice.config.get_ron(), &self.setup(task, &spaces))
                     .map_err(|error| self.input_error("reset_task", error))?,
             )),
         };
@@ -149,7 +148,7 @@ impl Builder<'_> {
                 Ok(ForwardAgent::Learner(Box::new(agent)))
             }
             Forward::Policy(choice) => {
-                let policy = self.registry.policy(&selection(choice), choice.config.get_ron(), &setup);
+                let policy = self.registry.policy(&self.selection(choice), choice.config.get_ron(), &setup);
                 let policy = policy.map_err(|error| self.input_error("forward", error))?;
                 Ok(ForwardAgent::Policy(Box::new(policy)))
             }
@@ -167,51 +166,25 @@ impl Builder<'_> {
         choice: &PluginChoice,
         setup: &Setup,
     ) -> Result<Box<dyn Learner>, InputError> {
-        let learner = self.registry.learner(&selection(choice), choice.config.get_ron(), setup);
+        let learner = self.registry.learner(&self.selection(choice), choice.config.get_ron(), setup);
         Ok(Box::new(learner.map_err(|error| self.input_error(path, error))?))
     }
 
-    fn rules(
-        &self,
-        rules: &[RuleConfig],
-        path: &str,
-        setup: &mut Setup,
-    ) -> Result<Vec<RuleTree>, InputError> {
-        let mut trees = Vec::with_capacity(rules.len());
-        for (index, rule) in rules.iter().enumerate() {
-            let path = format!("{path}[{index}]");
-            trees.push(match rule {
-                RuleConfig::Rule(choice) => RuleTree::Rule(self.rule(choice, &path, setup)?),
-                RuleConfig::Soft { priority, rule } => {
-                    RuleTree::soft(*priority, self.rule(rule, &format!("{path}.rule"), setup)?)
-                }
-                RuleConfig::All(parts) => RuleTree::All(self.rules(parts, &path, setup)?),
-                RuleConfig::Any(parts) => RuleTree::Any(self.rules(parts, &path, setup)?),
-            });
-        }
-        Ok(trees)
-    }
-
-    fn rule(
-        &self,
-        choice: &PluginChoice,
-        path: &str,
-        setup: &mut Setup,
-    ) -> Result<Box<dyn shield_api::AbortRule>, InputError> {
-        setup.seed = setup.seed.wrapping_add(1);
-        let rule = self.registry.abort_rule(&selection(choice), choice.config.get_ron(), setup);
-        Ok(Box::new(rule.map_err(|error| self.input_error(path, error))?))
-    }
-
-    fn shield(&self, reset: &dyn Learner, spaces: &Spaces, stream: Stream) -> Result<Ladder, InputError> {
+    fn shield(&self, reset: &dyn Learner, spaces: &Spaces, stream: Stream) -> Result<Shield, InputError> {
         let config = &self.experiment.shield;
         let mut setup = self.setup(stream, spaces);
-        let rules = self.rules(&config.rules, "shield.rules", &mut setup)?;
+        let mut rules: Vec<Box<dyn shield_api::AbortRule>> = Vec::new();
+        for (index, choice) in config.rules.iter().enumerate() {
+            setup.seed = setup.seed.wrapping_add(1);
+            let rule = self.registry.abort_rule(&self.selection(choice), choice.config.get_ron(), &setup);
+            let rule = rule.map_err(|error| self.input_error(&format!("shield.rules[{index}]"), error))?;
+            rules.push(Box::new(rule));
+        }
         let fallback_action =
             config.fallback_action.clone().unwrap_or_else(|| nearest_to_zero(&spaces.action));
         let settings =
-            LadderSettings { spaces: spaces.clone(), warm_up_steps: config.warm_up_steps, fallback_action };
-        let mut shield = Ladder::new(RuleTree::All(rules), reset, settings)
+            ShieldSettings { spaces: spaces.clone(), warm_up_steps: config.warm_up_steps, fallback_action };
+        let mut shield = Shield::new(rules, reset, settings)
             .map_err(|error| self.refused("shield.fallback_action", &error))?;
         if let Some(projection) = &config.projection {
             shield = shield
@@ -263,10 +236,18 @@ impl Builder<'_> {
         Setup::with_spaces(seed, self.experiment.threads, plugin::host(), spaces.clone())
     }
 
+    fn selection(&self, choice: &PluginChoice) -> Selection {
+        let sha256 = self.experiment.pins.get(&choice.plugin).cloned();
+        Selection { id: choice.plugin.clone(), path: choice.path.clone(), sha256 }
+    }
+
     /// What a plugin says, at the place in the user's file that it speaks of.
     fn input_error(&self, path: &str, error: PluginError) -> InputError {
         match error.config_fault() {
             Some((message, position)) => self.variant.error_at(&format!("{path}.config"), position, message),
+            None if matches!(error, PluginError::NotPinned { .. }) => {
+                self.variant.error_at("pins", None, error.to_string())
+            }
             None => self.variant.error_at(&format!("{path}.plugin"), None, error.to_string()),
         }
     }
@@ -274,10 +255,6 @@ impl Builder<'_> {
     fn refused(&self, path: &str, error: &shield_api::Error) -> InputError {
         self.variant.error_at(path, None, error.message())
     }
-}
-
-fn selection(choice: &PluginChoice) -> Selection {
-    Selection { id: choice.plugin.clone(), path: choice.path.clone() }
 }
 
 /// The action of the space that is nearest to zero: usually the one that does least.

@@ -44,11 +44,11 @@ impl RunFolder {
         self.path.exists()
     }
 
-    /// Creates the folder with its `config.ron`. What stood there before is removed first if `overwrite` says so.
+    /// Creates the folder with its `config.ron` and `plugins.json`. What stood there before is removed first if `overwrite` says so.
     ///
     /// # Errors
     /// The folder exists and must not be overwritten, or cannot be written.
-    pub fn create(&self, config: &str, overwrite: bool) -> Result<()> {
+    pub fn create(&self, config: &str, plugins: &str, overwrite: bool) -> Result<()> {
         let path = &self.path;
         if self.exists() {
             if !overwrite {
@@ -61,7 +61,8 @@ impl RunFolder {
             .map_or(Ok(()), fs::create_dir_all)
             .and_then(|()| fs::create_dir(path))
             .with_context(|| format!("{} cannot be created", path.display()))?;
-        let written = write_whole(&path.join("config.ron"), config.as_bytes());
+        let written = write_whole(&path.join("config.ron"), config.as_bytes())
+            .and_then(|()| write_whole(&path.join("plugins.json"), plugins.as_bytes()));
         if written.is_err() {
             self.discard();
         }
@@ -252,7 +253,7 @@ impl Observer for Recorder {
         };
         let solver_status = match projection.map(|projection| projection.kind) {
             Some(ProjectionKind::Qp) => "solved",
-            Some(ProjectionKind::Replace | ProjectionKind::Best) => "",
+            Some(ProjectionKind::Replace) => "",
             None => abort.cause.solver_status().unwrap_or(""),
         };
         let rule = abort.rule.and_then(|index| self.rules.get(index)).map_or("", String::as_str);

@@ -1,0 +1,39 @@
+//! `shield plugin …`: finding, reading, making and pinning plugins. Nothing here executes a plugin.
+
+mod info;
+mod list;
+mod lock;
+mod new;
+
+pub use list::list;
+
+use clap::Subcommand;
+use shield_runtime::plugin::Registry;
+
+use super::Failure;
+
+/// What can be done with plugins.
+#[derive(Subcommand)]
+pub enum PluginCommand {
+    /// Lists the plugins on the search path, without loading any, and why files were passed over.
+    List,
+    /// Shows what a plugin says of itself: its configuration with defaults, and an example to copy. Loads nothing.
+    Info(info::InfoArguments),
+    /// Makes the folder of a new plugin that builds, passes its checks and runs in an example experiment.
+    New(new::NewArguments),
+    /// Pins every plugin of an experiment to the file that is found now, by its SHA-256.
+    ///
+    /// The pins are written into the experiment. A run then refuses any other file before anything of it is executed.
+    Lock(lock::LockArguments),
+}
+
+/// Does it.
+pub fn run(command: &PluginCommand, registry: &Registry) -> Result<(), Failure> {
+    match command {
+        PluginCommand::List => list(registry, None),
+        PluginCommand::Info(arguments) => return info::info(arguments, registry),
+        PluginCommand::New(arguments) => return new::new(arguments),
+        PluginCommand::Lock(arguments) => return lock::lock(arguments, registry),
+    }
+    Ok(())
+}

@@ -1,0 +1,129 @@
+//! `{{id}}`: the same value everywhere; put a real learner here.
+#![forbid(unsafe_code)]
+
+use shield_api::*;
+
+
+config! {
+    /// Settings of `{{id}}`.
+    pub struct Settings {
+        /// Share of the way towards the target that one update goes.
+        rate: f32 = 0.1,
+        /// γ.
+        discount: f32 = 0.99,
+    }
+}
+
+/// What was learned.
+struct {{type}} {
+    settings: Settings,
+    spaces: Spaces,
+    value: f32,
+}
+
+impl Plugin for {{type}} {
+    type Config = Settings;
+
+    fn create(settings: Settings, setup: &Setup) -> Result<Self> {
+        if !(settings.rate > 0.0 && settings.rate <= 1.0) {
+            return Err(Error::invalid_config(format!("`rate` is {}; it must be above 0 and up to 1", settings.rate)));
+        }
+        if !(0.0..1.0).contains(&settings.discount) {
+            return Err(Error::invalid_config(format!("`discount` is {}; it must be in [0, 1)", settings.discount)));
+        }
+        Ok(Self { settings, spaces: setup.spaces()?.clone(), value: 0.0 })
+    }
+}
+
+impl Learner for {{type}} {
+    fn info(&self) -> LearnerInfo {
+        LearnerInfo { members: 1, discount: self.settings.discount }
+    }
+
+    fn act(&mut self, observation: &[f32], _mode: ActMode, action: &mut [f32]) -> Result<()> {
+        check_finite("observation", observation, self.spaces.observation_len())?;
+        action.fill(0.0);
+        self.spaces.action.clamp(action);
+        Ok(())
+    }
+
+    fn q_values(&mut self, observation: &[f32], action: &[f32], values: &mut [f32]) -> Result<()> {
+        check_finite("observation", observation, self.spaces.observation_len())?;
+        check_finite("action", action, self.spaces.action_len())?;
+        values[0] = self.value;
+        Ok(())
+    }
+
+    fn q_gradients(
+        &mut self,
+        observation: &[f32],
+        action: &[f32],
+        values: &mut [f32],
+        gradients: &mut [f32],
+    ) -> Result<()> {
+        self.q_values(observation, action, values)?;
+        gradients.fill(0.0);
+        Ok(())
+    }
+
+    fn update(&mut self, batch: &Batch<'_>) -> Result<()> {
+        // Refused as a whole: either every transition is learned, or nothing has changed.
+        check_finite("rewards", batch.rewards, batch.size)?;
+        check_finite("continuations", batch.continuations, batch.size)?;
+        check_finite("observations", batch.observations, batch.size * self.spaces.observation_len())?;
+        check_finite("actions", batch.actions, batch.size * self.spaces.action_len())?;
+        check_finite("next observations", batch.next_observations, batch.size * self.spaces.observation_len())?;
+        check_finite("masks", batch.masks, batch.size)?;
+        let Settings { rate, discount } = self.settings;
+        for row in 0..batch.size {
+            let target = batch.rewards[row] + discount * batch.continuations[row] * self.value;
+            self.value += rate * batch.masks[row] * (target - self.value);
+        }
+        Ok(())
+    }
+}
+
+impl Checkpoint for {{type}} {
+    fn save(&self, bytes: &mut Vec<u8>) -> Result<()> {
+        bytes.extend(self.value.to_le_bytes());
+        Ok(())
+    }
+
+    fn load(&mut self, bytes: &[u8]) -> Result<()> {
+        let bytes = bytes.try_into().map_err(|_| Error::invalid_argument("a saved state has 4 bytes"))?;
+        self.value = f32::from_le_bytes(bytes);
+        Ok(())
+    }
+}
+
+shield_api::export_plugin! {
+    learner "{{id}}" => {{type}} { description: "The same value everywhere", deterministic: true }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn setup() -> Setup {
+        let spaces = Spaces { observation: Space::unbounded(2), action: Space::uniform(1, -1.0, 1.0) };
+        Setup::with_spaces(0, 1, Host::silent(), spaces)
+    }
+
+    #[test]
+    fn a_reward_raises_the_value() {
+        let mut learner = {{type}}::create(Settings::default(), &setup()).unwrap();
+        let batch = Batch {
+            size: 1,
+            observations: &[0.0; 2],
+            actions: &[0.0],
+            rewards: &[1.0],
+            next_observations: &[0.0; 2],
+            continuations: &[1.0],
+            masks: &[1.0],
+        };
+        learner.update(&batch).unwrap();
+        let mut values = [0.0];
+        learner.q_values(&[0.0; 2], &[0.0], &mut values).unwrap();
+        assert!(values[0] > 0.0);
+    }
+}

@@ -1,0 +1,79 @@
+//! `{{id}}`: always pushes equally hard; put a controller here.
+#![forbid(unsafe_code)]
+
+use shield_api::*;
+
+
+config! {
+    /// Settings of `{{id}}`.
+    pub struct Settings {
+        /// Where in each dimension's range the action lies: -1 is its lower end, 1 its upper.
+        push: f32 = 0.5,
+    }
+}
+
+/// The policy.
+struct {{type}} {
+    spaces: Spaces,
+    action: Vec<f32>,
+}
+
+impl Plugin for {{type}} {
+    type Config = Settings;
+
+    fn create(settings: Settings, setup: &Setup) -> Result<Self> {
+        if !(-1.0..=1.0).contains(&settings.push) {
+            return Err(Error::invalid_config(format!("`push` is {}; it must be in [-1, 1]", settings.push)));
+        }
+        let spaces = setup.spaces()?.clone();
+        let action = match &spaces.action {
+            Space::Box { low, high } => {
+                let middle = low.iter().zip(high).map(|(low, high)| (low + high) / 2.0);
+                middle.zip(low.iter().zip(high)).map(|(at, (low, high))| at + settings.push * (high - low) / 2.0).collect()
+            }
+            Space::Discrete { .. } => vec![0.0],
+        };
+        Ok(Self { spaces, action })
+    }
+}
+
+impl Policy for {{type}} {
+    fn act(&mut self, observation: &[f32], action: &mut [f32]) -> Result<()> {
+        check_finite("observation", observation, self.spaces.observation_len())?;
+        action.copy_from_slice(&self.action);
+        Ok(())
+    }
+}
+
+/// There is no state beyond the configuration: nothing to save, and nothing to load.
+impl Checkpoint for {{type}} {
+    fn save(&self, _bytes: &mut Vec<u8>) -> Result<()> {
+        Ok(())
+    }
+
+    fn load(&mut self, bytes: &[u8]) -> Result<()> {
+        if bytes.is_empty() { Ok(()) } else { Err(Error::invalid_argument("there is no state to load")) }
+    }
+}
+
+shield_api::export_plugin! {
+    policy "{{id}}" => {{type}} { description: "Always pushes equally hard", deterministic: true }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn setup() -> Setup {
+        let spaces = Spaces { observation: Space::unbounded(2), action: Space::uniform(1, -1.0, 1.0) };
+        Setup::with_spaces(0, 1, Host::silent(), spaces)
+    }
+
+    #[test]
+    fn it_pushes_half_as_hard_as_it_can() {
+        let mut policy = {{type}}::create(Settings::default(), &setup()).unwrap();
+        let mut action = [0.0];
+        policy.act(&[0.0, 0.0], &mut action).unwrap();
+        assert_eq!(action, [0.5]);
+    }
+}
