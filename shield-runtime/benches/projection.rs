@@ -13,7 +13,7 @@ use shield_api::{
 use shield_runtime::{
     experiment::{ProjectionConfig, QpConfig},
     shield::{
-        Moment, Shield, ShieldSettings,
+        Agents, Ladder, LadderSettings, Moment,
         solver::{InteriorPoint, OneRow, Program, Solver, Staged},
     },
 };
@@ -111,14 +111,15 @@ fn percentiles(_: &mut Criterion) {
     let (first, _) = members(20, &mut random);
     let qp = ProjectionConfig::Qp(QpConfig::default());
     let mut shield = shield_over(Box::new(Hesitant(Cell::new(0))), &first, Some(qp));
-    let moment = Moment { step: 0, observation: &[0.0], previous: None, forward_values: &[] };
+    let moment = Moment { step: 0, observation: &[0.0], previous: None };
     for _ in 0..4_000 {
         let (mut agent, proposed) = members(20, &mut random);
         let mut times = Vec::new();
         for _ in 0..5 {
             let mut action = proposed.clone();
             let start = Instant::now();
-            let decision = black_box(shield.filter(&mut agent, &moment, &mut action));
+            let decision =
+                black_box(shield.filter(Agents { reset: &mut agent, forward: None }, &moment, &mut action));
             if decision.projection().is_some_and(|projection| projection.iterations == 3) {
                 times.push(start.elapsed());
             }
@@ -134,10 +135,10 @@ fn percentiles(_: &mut Criterion) {
     }
 }
 
-fn shield_over(rule: Box<dyn AbortRule>, agent: &Linear, projection: Option<ProjectionConfig>) -> Shield {
+fn shield_over(rule: Box<dyn AbortRule>, agent: &Linear, projection: Option<ProjectionConfig>) -> Ladder {
     let spaces = Spaces { observation: Space::unbounded(1), action: Space::uniform(WIDTH, -1.0, 1.0) };
-    let settings = ShieldSettings { spaces, warm_up_steps: 0, fallback_action: vec![0.0; WIDTH] };
-    let shield = Shield::new(vec![rule], agent, settings).unwrap();
+    let settings = LadderSettings { spaces, warm_up_steps: 0, fallback_action: vec![0.0; WIDTH] };
+    let shield = Ladder::new(vec![rule], agent, settings).unwrap();
     projection.into_iter().fold(shield, |shield, config| shield.with_projection(config).unwrap())
 }
 
@@ -156,12 +157,14 @@ fn decisions(criterion: &mut Criterion) {
         let mut projecting =
             shield_over(Box::new(Pessimistic), &agent, Some(ProjectionConfig::Qp(QpConfig::default())));
         let mut plain = shield_over(Box::new(Pessimistic), &agent, None);
-        let moment = Moment { step: 0, observation: &[0.0], previous: None, forward_values: &[] };
-        let mut time = |name: &str, shield: &mut Shield, action: &[f32]| {
+        let moment = Moment { step: 0, observation: &[0.0], previous: None };
+        let mut time = |name: &str, shield: &mut Ladder, action: &[f32]| {
             criterion.bench_function(&format!("{name}, {count} rows"), |bencher| {
                 bencher.iter_batched_ref(
                     || action.to_vec(),
-                    |action| black_box(shield.filter(&mut agent, &moment, action)),
+                    |action| {
+                        black_box(shield.filter(Agents { reset: &mut agent, forward: None }, &moment, action))
+                    },
                     BatchSize::SmallInput,
                 );
             });

@@ -42,12 +42,12 @@ impl Agent {
         &mut *self.learner
     }
 
-    /// Updates from the experience, once it holds a batch.
+    /// Updates from the experience, once it holds a batch for this agent.
     ///
     /// # Errors
     /// The learner failed.
     pub fn learn(&mut self, experience: &Experience, updates: usize) -> Result<()> {
-        if experience.len_for(self.role) < self.buffers.size() {
+        if experience.len_for(self.role) < self.buffers.size().max(1) {
             return Ok(());
         }
         plugin::in_metric_scope(self.role.name(), || {
@@ -80,22 +80,19 @@ impl ForwardAgent {
         }
     }
 
+    /// What values the task; `None` for a policy.
+    pub fn learner(&mut self) -> Option<&mut dyn Learner> {
+        match self {
+            Self::Learner(agent) => Some(&mut *agent.learner),
+            Self::Policy(_) => None,
+        }
+    }
+
     /// The forward ensemble's size; 0 for a policy, which has none.
     pub fn members(&self) -> usize {
         match self {
             Self::Learner(agent) => agent.info.members,
             Self::Policy(_) => 0,
-        }
-    }
-
-    /// Writes the forward ensemble's values of an action; leaves `values` alone for a policy.
-    ///
-    /// # Errors
-    /// The plugin failed.
-    pub fn q_values(&mut self, observation: &[f32], action: &[f32], values: &mut [f32]) -> Result<()> {
-        match self {
-            Self::Learner(agent) => agent.learner.q_values(observation, action, values),
-            Self::Policy(_) => Ok(()),
         }
     }
 

@@ -13,6 +13,8 @@ pub enum Decision {
     Project(Projection),
     /// It must not be executed; the caller's buffer holds the reset agent's action instead.
     Abort(Abort),
+    /// The reset agent is in charge: nothing was decided, the caller's buffer holds its action. Only of a [`Shield`](crate::shield::Shield).
+    Resetting,
 }
 
 impl Decision {
@@ -20,7 +22,7 @@ impl Decision {
     pub fn abort(&self) -> Option<Abort> {
         match self {
             Self::Abort(abort) => Some(*abort),
-            Self::Allow | Self::WarmUp | Self::Project(_) => None,
+            Self::Allow | Self::WarmUp | Self::Project(_) | Self::Resetting => None,
         }
     }
 
@@ -28,7 +30,7 @@ impl Decision {
     pub fn projection(&self) -> Option<Projection> {
         match self {
             Self::Project(projection) => Some(*projection),
-            Self::Allow | Self::WarmUp | Self::Abort(_) => None,
+            Self::Allow | Self::WarmUp | Self::Abort(_) | Self::Resetting => None,
         }
     }
 }
@@ -38,9 +40,9 @@ impl Decision {
 pub struct Projection {
     /// Where the other action comes from.
     pub kind: ProjectionKind,
-    /// How often the rules were linearised; 0 for [`ProjectionKind::Replace`].
+    /// How often the rules were linearised; 0 without a program.
     pub iterations: u32,
-    /// How far it lies from the proposed one: √ Σ weight · movement².
+    /// How far it lies from the proposed one: √ Σ weight · movement²; 0 between discrete actions.
     pub distance: f32,
     /// Why the proposed action was rejected.
     pub rejection: Abort,
@@ -53,6 +55,8 @@ pub enum ProjectionKind {
     Qp,
     /// The reset agent's greedy action.
     Replace,
+    /// The allowed discrete action of the highest forward value.
+    Best,
 }
 
 /// Why an action was rejected.
@@ -104,6 +108,10 @@ pub enum Cause {
     SolverPanicked,
     /// The decision took longer than its deadline.
     Deadline,
+    /// The reset agent, which is in charge, gave no action.
+    ResetFailed,
+    /// The reset agent has given up, and nobody has put everything back yet.
+    AwaitsHardReset,
 }
 
 impl Cause {
@@ -140,6 +148,8 @@ impl fmt::Display for Cause {
             Self::NotConverged => "not_converged",
             Self::SolverPanicked => "solver_panicked",
             Self::Deadline => "deadline",
+            Self::ResetFailed => "reset_failed",
+            Self::AwaitsHardReset => "awaits_hard_reset",
         })
     }
 }

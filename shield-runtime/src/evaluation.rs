@@ -8,45 +8,34 @@ use crate::{
     agent::ForwardAgent,
     experiment::EvaluatedAgent,
     observer::{EvaluationRecord, Tally},
-    shield::{Moment, Shield},
+    shield::{Agents, Ladder, Moment},
     world::World,
 };
 
 /// Runs greedy episodes. Every evaluation of a run starts from the same seeds, so that two differ by the agent alone.
 pub struct Evaluator {
     world: World,
-    shield: Option<Shield>,
+    shield: Option<Ladder>,
     agent: EvaluatedAgent,
     start: Option<String>,
     episodes: u32,
     seed: u64,
     action: Vec<f32>,
     previous: Vec<f32>,
-    forward_values: Vec<f32>,
 }
 
 impl Evaluator {
     /// Evaluates `agent` in `world` over `episodes` episodes; through `shield`, with rules of its own, if there is one.
     pub fn new(
         world: World,
-        shield: Option<Shield>,
+        shield: Option<Ladder>,
         agent: EvaluatedAgent,
         start: Option<String>,
         episodes: u32,
         seed: u64,
     ) -> Self {
         let action = vec![0.0; world.spec().spaces.action_len()];
-        Self {
-            world,
-            shield,
-            agent,
-            start,
-            episodes,
-            seed,
-            previous: action.clone(),
-            action,
-            forward_values: Vec::new(),
-        }
+        Self { world, shield, agent, start, episodes, seed, previous: action.clone(), action }
     }
 
     /// One evaluation after `step` training steps.
@@ -103,20 +92,12 @@ impl Evaluator {
                 }
             }
             if let (Some(shield), Some(reset)) = (&mut self.shield, &mut *reset) {
-                if shield.needs().forward_values
-                    && let Some(forward) = forward
-                {
-                    self.forward_values.resize(forward.members(), 0.0);
-                    forward.q_values(observation, &self.action, &mut self.forward_values)?;
-                }
-                let moment = Moment {
-                    step,
-                    observation,
-                    previous: (tally.length > 0).then_some(&self.previous),
-                    forward_values: &self.forward_values,
-                };
+                let moment =
+                    Moment { step, observation, previous: (tally.length > 0).then_some(&self.previous) };
+                let forward = forward.as_deref_mut().and_then(ForwardAgent::learner);
+                let agents = Agents { reset: &mut **reset, forward };
                 // A rejected action is replaced by the reset agent's for this step: the shield as deployed.
-                shield.filter(&mut **reset, &moment, &mut self.action);
+                shield.filter(agents, &moment, &mut self.action);
             }
             let outcome = self.world.step(&self.action)?;
             self.world.advance();

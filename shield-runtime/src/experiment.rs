@@ -21,7 +21,7 @@ use serde::de::IgnoredAny;
 pub use config::{
     BetweenAttempts, Endings, EvaluatedAgent, EvaluationConfig, ExperienceConfig, Experiment, Forward, Mode,
     OnAbort, OnResetFailure, OnResetSuccess, PluginChoice, ProjectionConfig, QpConfig, ResetAttempts,
-    ResetTest, ShieldConfig, Unlimited, Updates,
+    ResetTest, RuleConfig, ShieldConfig, Unlimited, Updates,
 };
 pub use error::{InputError, Location};
 pub use overrides::Override;

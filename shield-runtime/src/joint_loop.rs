@@ -20,7 +20,7 @@ use crate::{
     experiment::{BetweenAttempts, Mode, OnResetFailure, OnResetSuccess, ResetTest, Updates},
     observer::{Counters, EpisodeEnd, EpisodeRecord, HardReset, Intervention, Observer, Tally},
     plugin,
-    shield::{Moment, Shield},
+    shield::{Agents, Attempts, Ladder, Moment},
     world::World,
 };
 
@@ -30,21 +30,20 @@ pub struct JointLoop<'a> {
     world: World,
     forward: Option<ForwardAgent>,
     reset: Option<Agent>,
-    shield: Option<Shield>,
+    shield: Option<Ladder>,
     evaluator: Option<Evaluator>,
     experience: Experience,
     randomness: LoopRandomness,
     observer: &'a mut dyn Observer,
     stop: &'a AtomicBool,
     counters: Counters,
-    failed_attempts: u32,
+    attempts: Attempts,
     was_irreversible: bool,
     has_previous: bool,
     last_evaluation: Option<u64>,
     proposed: Vec<f32>,
     action: Vec<f32>,
     previous: Vec<f32>,
-    forward_values: Vec<f32>,
 }
 
 impl<'a> JointLoop<'a> {
@@ -58,10 +57,8 @@ impl<'a> JointLoop<'a> {
     ) -> Self {
         let Participants { world, forward, reset, shield, evaluator, experience } = participants;
         let action = vec![0.0; world.spec().spaces.action_len()];
-        let wants_forward_values = shield.as_ref().is_some_and(|shield| shield.needs().forward_values);
-        let members = forward.as_ref().map_or(0, ForwardAgent::members);
         Self {
-            forward_values: vec![0.0; if wants_forward_values { members } else { 0 }],
+            attempts: Attempts::new(settings.reset_attempts),
             proposed: action.clone(),
             previous: action.clone(),
             action,
@@ -76,7 +73,6 @@ impl<'a> JointLoop<'a> {
             observer,
             stop,
             counters: Counters::default(),
-            failed_attempts: 0,
             was_irreversible: false,
             has_previous: false,
             last_evaluation: None,
@@ -129,9 +125,7 @@ impl<'a> JointLoop<'a> {
             if attempt.end.is_cut() {
                 return self.close(attempt, false);
             }
-            self.failed_attempts = if attempt.has_reset { 0 } else { self.failed_attempts + 1 };
-            let has_given_up =
-                self.settings.reset_attempts.is_some_and(|limit| self.failed_attempts >= limit);
+            let has_given_up = self.attempts.record(attempt.has_reset);
             let needs_hard_reset = attempt.end == EpisodeEnd::Terminated || has_given_up;
             self.close(attempt, needs_hard_reset)?;
             let tries_again = !attempt.has_reset && self.settings.between_attempts == BetweenAttempts::Reset;
@@ -209,14 +203,13 @@ impl<'a> JointLoop<'a> {
         }
         self.proposed.copy_from_slice(&self.action);
         let start = Instant::now();
-        value_forward(forward, observation, &self.action, &mut self.forward_values);
         let moment = Moment {
             step: self.counters.steps,
             observation,
             previous: self.has_previous.then_some(&self.previous),
-            forward_values: &self.forward_values,
         };
-        let decision = shield.filter(reset.learner(), &moment, &mut self.action);
+        let agents = Agents { reset: reset.learner(), forward: forward.learner() };
+        let decision = shield.filter(agents, &moment, &mut self.action);
         self.observer.on_decision_time(start.elapsed());
         self.counters.warm_up_decisions += u64::from(decision == Decision::WarmUp);
         let projection = decision.projection();
@@ -249,16 +242,14 @@ impl<'a> JointLoop<'a> {
             return Ok(());
         };
         self.proposed.copy_from_slice(&self.action);
-        if let Some(forward) = &mut self.forward {
-            value_forward(forward, observation, &self.action, &mut self.forward_values);
-        }
         let moment = Moment {
             step: self.counters.steps,
             observation,
             previous: self.has_previous.then_some(&self.previous),
-            forward_values: &self.forward_values,
         };
-        if let Some(abort) = shield.guard(reset.learner(), &moment, &mut self.action).abort() {
+        let forward = self.forward.as_mut().and_then(ForwardAgent::learner);
+        let agents = Agents { reset: reset.learner(), forward };
+        if let Some(abort) = shield.guard(agents, &moment, &mut self.action).abort() {
             self.counters.exploration_replaced += 1;
             self.observer.on_intervention(&Intervention {
                 step: self.counters.steps,
@@ -356,7 +347,7 @@ impl<'a> JointLoop<'a> {
         if hard_reset {
             let (kind, cost) = self.world.hard_reset_due()?;
             let cost = cost * self.settings.hard_reset_cost;
-            self.failed_attempts = 0;
+            self.attempts.clear();
             self.counters.hard_resets += 1;
             self.counters.hard_reset_cost += cost;
             self.experience.charge_last(AgentRole::Reset, self.settings.cost_weight * cost as f32);
@@ -392,13 +383,6 @@ impl<'a> JointLoop<'a> {
 
     fn is_stopped(&self) -> bool {
         self.stop.load(Ordering::Relaxed)
-    }
-}
-
-/// The forward ensemble's values of an action; NaN, which no shield lets through, where it has none.
-fn value_forward(forward: &mut ForwardAgent, observation: &[f32], action: &[f32], values: &mut [f32]) {
-    if !values.is_empty() && forward.q_values(observation, action, values).is_err() {
-        values.fill(f32::NAN);
     }
 }
 

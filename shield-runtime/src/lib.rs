@@ -10,4 +10,5 @@ pub mod observer;
 pub mod plugin;
 pub mod run;
 pub mod shield;
+pub mod shielded;
 pub mod world;

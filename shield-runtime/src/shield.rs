@@ -1,187 +1,202 @@
-//! The shield: decides before every action whether it could be undone. It does nothing else: no learning, no files, no printing.
+//! The shield: decides before every action whether it could be undone, and lets the reset agent take over where it could not.
 //!
 //! Allow, else project, else abort. Whatever goes wrong on the way to a verdict aborts: a number that is not finite, a wrong length, a
-//! plugin or solver that fails, a missed deadline.
+//! plugin or solver that fails, a missed deadline. [`Ladder`] alone decides; [`Shield`] owns the reset agent too and keeps count of its
+//! attempts. The joint loop uses the ladder and the counting; a program of one's own uses the shield, or [`Shielded`](crate::shielded::Shielded).
 
+mod attempts;
+mod builder;
 mod clock;
 mod explanation;
 mod jury;
+mod ladder;
 mod projection;
+mod qp;
 mod rows;
+mod rules;
 mod setup;
 pub mod solver;
 
-pub use setup::ShieldSettings;
+pub use attempts::Attempts;
+pub use builder::ShieldBuilder;
+pub use jury::Judgement;
+pub use ladder::{Agents, Ladder, Moment};
+pub use rules::RuleTree;
+pub use setup::LadderSettings;
 
-use std::time::Duration;
+use shield_api::{ActMode, Phase, Spaces};
 
-use shield_api::{ActMode, Learner, Needs, ObservedDecision, Phase, check_finite};
-
-use self::{
-    clock::Clock,
-    explanation::Explanation,
-    jury::Jury,
-    projection::{Attempt, Projector},
+use crate::{
+    agent::Agent,
+    decision::{Cause, Decision},
+    experience::Experience,
 };
-use crate::decision::{Abort, Cause, Decision, Projection};
 
-/// What the shield is told of the moment in which an action is proposed.
-#[derive(Debug, Clone, Copy)]
-pub struct Moment<'a> {
-    /// Environment steps so far, both phases.
-    pub step: u64,
-    /// The present observation.
-    pub observation: &'a [f32],
-    /// The action executed before; `None` after a hard reset.
-    pub previous: Option<&'a [f32]>,
-    /// The forward ensemble's values of the proposed action; empty for a policy, or if [`Shield::needs`] says no.
-    pub forward_values: &'a [f32],
-}
-
-/// Rules, what is tried before an abort, and the buffers to decide without allocating.
+/// A shield with its reset agent, for a program that drives the robot itself.
+///
+/// Before every step call [`filter`](Self::filter), execute what is then in the buffer, and report it with [`step_done`](Self::step_done).
+/// While the reset agent is in charge, `filter` writes its action. When it has given up, [`needs_hard_reset`](Self::needs_hard_reset) says so:
+/// nothing may move until a person has put everything back and [`hard_reset_done`](Self::hard_reset_done) is called.
+///
+/// ```
+/// use shield_api::{ActMode, Batch, Checkpoint, Learner, LearnerInfo, Result, Space, Spaces};
+/// use shield_runtime::{decision::Decision, shield::Shield};
+/// # use shield_api::{AbortRule, Needs, Reason, RuleContext, RuleVerdict};
+/// # struct Home;
+/// # impl Checkpoint for Home {}
+/// # impl Learner for Home {
+/// #     fn info(&self) -> LearnerInfo { LearnerInfo { members: 1, discount: 0.99 } }
+/// #     fn act(&mut self, observation: &[f32], _: ActMode, action: &mut [f32]) -> Result<()> {
+/// #         action[0] = (-observation[0]).clamp(-1.0, 1.0);
+/// #         Ok(())
+/// #     }
+/// #     fn q_values(&mut self, observation: &[f32], action: &[f32], values: &mut [f32]) -> Result<()> {
+/// #         values[0] = 1.0 - (observation[0] + action[0]).abs();
+/// #         Ok(())
+/// #     }
+/// #     fn update(&mut self, _: &Batch<'_>) -> Result<()> { Ok(()) }
+/// # }
+/// # struct AtLeast(f32);
+/// # impl Checkpoint for AtLeast {}
+/// # impl AbortRule for AtLeast {
+/// #     fn needs(&self) -> Needs { Needs { values: true, ..Needs::default() } }
+/// #     fn evaluate(&self, context: &RuleContext<'_>, _: &mut Reason<'_>) -> Result<RuleVerdict> {
+/// #         Ok(RuleVerdict::from_safe(context.values[0] >= self.0, context.values[0]))
+/// #     }
+/// # }
+/// # fn main() -> Result<()> {
+/// // `Home` is a learner that walks back to 0, `AtLeast` a rule; plugins are found by `plugin::Registry`.
+/// let spaces = Spaces { observation: Space::unbounded(1), action: Space::uniform(1, -1.0, 1.0) };
+/// let mut shield = Shield::builder(spaces, Box::new(Home)).rule(Box::new(AtLeast(0.25))).build()?;
+///
+/// let mut position = 0.0;
+/// for _ in 0..20 {
+///     let mut action = [0.5]; // What the policy proposes: ever further away.
+///     match shield.filter(&[position], &mut action) {
+///         Decision::Abort(_) => println!("too far from home: {}", shield.reason()),
+///         Decision::Resetting => println!("on the way back"),
+///         _ => println!("allowed"),
+///     }
+///     position += action[0]; // The robot moves.
+///     shield.step_done(position.abs() < 0.1);
+///     if shield.needs_hard_reset() {
+///         position = 0.0; // A person carries it home.
+///         shield.hard_reset_done();
+///     }
+///     assert!(position <= 1.0);
+/// }
+/// # Ok(())
+/// # }
+/// ```
 pub struct Shield {
-    jury: Jury,
-    members: usize,
-    projector: Option<Projector>,
-    deadline: Option<Duration>,
-    settings: ShieldSettings,
-    other_action: Vec<f32>,
-    why: Explanation,
+    ladder: Ladder,
+    reset_agent: Agent,
+    attempts: Attempts,
+    episode_length: u64,
+    stop_on_reset: bool,
+    explores: bool,
+    phase: Phase,
+    steps: u64,
+    /// Steps of the present reset episode, and whether it saw the reset set.
+    reset_steps: u64,
+    has_visited: bool,
+    needs_hard_reset: bool,
+    has_previous: bool,
+    previous: Vec<f32>,
 }
 
 impl Shield {
-    /// What some rule wants to be computed. The caller computes the forward values.
-    pub fn needs(&self) -> Needs {
-        self.jury.needs()
+    /// Begins to describe a shield for an environment with these spaces, and the agent that undoes.
+    pub fn builder(spaces: Spaces, reset_agent: Box<dyn shield_api::Learner>) -> ShieldBuilder {
+        ShieldBuilder::new(spaces, reset_agent)
     }
 
-    /// Decides on `action` and tells every rule. After a projection, `action` holds the projected one. After an abort it holds the reset
-    /// agent's greedy action, or the fallback action where that is not usable: a caller that ignores the decision still never executes
-    /// what was rejected.
-    pub fn filter(
-        &mut self,
-        reset_agent: &mut dyn Learner,
-        moment: &Moment<'_>,
-        action: &mut [f32],
-    ) -> Decision {
-        let mut decision = self.decide(reset_agent, moment, action, Phase::Forward);
-        let observed = ObservedDecision { step: moment.step, aborted: decision.abort().is_some(), action };
-        let told = self.jury.observe(&observed);
-        if let Err(error) = told {
-            decision = Decision::Abort(self.why.failed(Cause::RuleFailed, &error));
-            self.why.is_final = true;
-            self.make_safe(reset_agent, moment.observation, action);
+    /// Decides on `action`, which afterwards holds what may be executed: the proposed action, a projected one, or the reset agent's. After an
+    /// abort the reset agent is in charge, until [`step_done`](Self::step_done) ends its episode.
+    pub fn filter(&mut self, observation: &[f32], action: &mut [f32]) -> Decision {
+        let moment =
+            Moment { step: self.steps, observation, previous: self.has_previous.then_some(&self.previous) };
+        let agents = Agents { reset: self.reset_agent.learner(), forward: None };
+        let decision = if self.needs_hard_reset {
+            self.ladder.refuse(Cause::AwaitsHardReset, action)
+        } else if self.phase == Phase::Forward {
+            self.ladder.filter(agents, &moment, action)
+        } else {
+            let mode = if self.explores { ActMode::Explore } else { ActMode::Greedy };
+            match agents
+                .reset
+                .act(observation, mode, action)
+                .and_then(|()| self.ladder.check(&moment, action))
+            {
+                Ok(()) => Decision::Resetting,
+                Err(_) => self.ladder.refuse(Cause::ResetFailed, action),
+            }
+        };
+        if decision.abort().is_some() && self.phase == Phase::Forward && !self.needs_hard_reset {
+            self.begin_reset();
         }
+        let length = self.previous.len().min(action.len());
+        self.previous[..length].copy_from_slice(&action[..length]);
         decision
     }
 
-    /// As [`filter`](Self::filter), but no rule is told and nothing is projected: for actions of the reset agent.
-    pub fn guard(
-        &mut self,
-        reset_agent: &mut dyn Learner,
-        moment: &Moment<'_>,
-        action: &mut [f32],
-    ) -> Decision {
-        self.decide(reset_agent, moment, action, Phase::Reset)
+    /// The executed action led to a state, which is in the reset set or not. Ends the reset agent's episode where that is due.
+    pub fn step_done(&mut self, in_reset_set: bool) {
+        self.steps += 1;
+        self.has_previous = true;
+        if self.phase == Phase::Forward {
+            return;
+        }
+        self.reset_steps += 1;
+        self.has_visited |= in_reset_set;
+        if (self.stop_on_reset && in_reset_set) || self.reset_steps >= self.episode_length {
+            self.needs_hard_reset = self.attempts.record(self.has_visited);
+            self.phase = Phase::Forward;
+        }
     }
 
-    /// Whether a plugin that the shield needs panicked, or a rule did not take note of a decision: from then on every decision would be an
-    /// abort for the wrong reason, and a run must end.
-    pub fn is_broken(&self) -> bool {
-        self.why.is_final
+    /// Hands over to the reset agent although nothing was aborted: the task is done, or its time is up.
+    pub fn begin_reset(&mut self) {
+        self.phase = Phase::Reset;
+        (self.reset_steps, self.has_visited) = (0, false);
+    }
+
+    /// Who is in charge of the next step.
+    pub fn phase(&self) -> Phase {
+        self.phase
+    }
+
+    /// Whether the reset agent has given up: until [`hard_reset_done`](Self::hard_reset_done) every action is aborted.
+    pub fn needs_hard_reset(&self) -> bool {
+        self.needs_hard_reset
+    }
+
+    /// Everything is back at its start.
+    pub fn hard_reset_done(&mut self) {
+        self.attempts.clear();
+        (self.needs_hard_reset, self.has_previous, self.phase) = (false, false, Phase::Forward);
     }
 
     /// Why the last action was rejected, for a person; empty if it was not.
     pub fn reason(&self) -> &str {
-        self.why.text()
+        self.ladder.reason()
     }
 
-    /// The reset ensemble's values at the action that was judged last; empty if no rule needs them.
-    pub fn values(&self) -> &[f32] {
-        self.jury.values()
+    /// What the rules were told of the last proposed action, and what they compared.
+    pub fn judgement(&self) -> &Judgement {
+        self.ladder.judgement()
     }
 
-    fn decide(
-        &mut self,
-        reset_agent: &mut dyn Learner,
-        moment: &Moment<'_>,
-        action: &mut [f32],
-        phase: Phase,
-    ) -> Decision {
-        let clock = Clock::start(self.deadline);
-        self.why.clear();
-        self.jury.phase = phase;
-        let mut decision = match self.judge(reset_agent, moment, action) {
-            Ok(()) if moment.step < self.settings.warm_up_steps => Decision::WarmUp,
-            Ok(()) => Decision::Allow,
-            Err(rejection) if phase == Phase::Forward && rejection.cause == Cause::Rejected => self
-                .project(reset_agent, moment, action, rejection, clock)
-                .map_or_else(Decision::Abort, Decision::Project),
-            Err(abort) => Decision::Abort(abort),
-        };
-        if clock.is_late() && decision.abort().is_none() {
-            self.why.append("the decision took longer than its deadline");
-            decision = Decision::Abort(Abort::without_rule(Cause::Deadline));
-        }
-        match decision {
-            Decision::Allow | Decision::WarmUp => {}
-            Decision::Project(_) => action.copy_from_slice(&self.other_action),
-            Decision::Abort(_) => self.make_safe(reset_agent, moment.observation, action),
-        }
-        decision
+    /// Whether a plugin that the shield needs is out of service: from now on everything is aborted.
+    pub fn is_broken(&self) -> bool {
+        self.ladder.is_broken()
     }
 
-    fn judge(
-        &mut self,
-        reset_agent: &mut dyn Learner,
-        moment: &Moment<'_>,
-        action: &[f32],
-    ) -> Result<(), Abort> {
-        let spaces = &self.settings.spaces;
-        check_finite("the observation", moment.observation, spaces.observation_len())
-            .map_err(|error| self.why.failed(Cause::InvalidObservation, &error))?;
-        spaces.action.check_action(action).map_err(|error| self.why.failed(Cause::InvalidAction, &error))?;
-        if moment.step < self.settings.warm_up_steps {
-            return Ok(());
-        }
-        self.jury
-            .value_state(reset_agent, moment)
-            .map_err(|error| self.why.failed(Cause::ValuesFailed, &error))?;
-        self.jury.judge(reset_agent, moment, action, &mut self.why)
-    }
-
-    /// Looks for another action that every rule allows; it is then in `other_action`.
-    fn project(
-        &mut self,
-        reset_agent: &mut dyn Learner,
-        moment: &Moment<'_>,
-        proposed: &[f32],
-        rejection: Abort,
-        clock: Clock,
-    ) -> Result<Projection, Abort> {
-        let Some(projector) = &mut self.projector else { return Err(rejection) };
-        let jury = &mut self.jury;
-        let attempt = Attempt { jury, reset_agent, moment, proposed, rejection, clock };
-        let found = projector.find(attempt, &mut self.other_action).and_then(|projection| {
-            let checked = self.settings.spaces.action.check_action(&self.other_action);
-            checked.map(|()| projection).map_err(|error| (Cause::InvalidAction, error.to_string()))
-        });
-        found.map_err(|(cause, why)| {
-            self.why.append(format_args!("; not projected: {why}"));
-            Abort { cause, ..rejection }
-        })
-    }
-
-    fn make_safe(&mut self, reset_agent: &mut dyn Learner, observation: &[f32], action: &mut [f32]) {
-        let spaces = &self.settings.spaces;
-        let is_usable = check_finite("the observation", observation, spaces.observation_len())
-            .and_then(|()| reset_agent.act(observation, ActMode::Greedy, &mut self.other_action))
-            .and_then(|()| spaces.action.check_action(&self.other_action))
-            .is_ok();
-        let safe = if is_usable { &self.other_action } else { &self.settings.fallback_action };
-        // A caller's buffer of the wrong length gets what fits; its action was rejected for that length.
-        let length = safe.len().min(action.len());
-        action[..length].copy_from_slice(&safe[..length]);
-        action[length..].fill(0.0);
+    /// Lets the reset agent learn from what happened.
+    ///
+    /// # Errors
+    /// The learner failed.
+    pub fn learn(&mut self, experience: &Experience, updates: usize) -> shield_api::Result<()> {
+        self.reset_agent.learn(experience, updates)
     }
 }

@@ -5,8 +5,8 @@ use shield_api::{
 };
 
 /// An environment, the reset task that may replace its own, and the state in which it is.
-pub struct World {
-    environment: Box<dyn Environment>,
+pub struct World<E: ?Sized = dyn Environment> {
+    environment: Box<E>,
     reset_task: Option<Box<dyn ResetTask>>,
     spec: EnvironmentSpec,
     reset_kinds: Vec<ResetKind>,
@@ -15,11 +15,21 @@ pub struct World {
 }
 
 impl World {
-    /// Puts a reset task around an environment.
+    /// Puts a reset task around any environment.
     ///
     /// # Errors
     /// Impossible spaces, or neither the environment nor a task says what "reset" means.
     pub fn new(environment: Box<dyn Environment>, reset_task: Option<Box<dyn ResetTask>>) -> Result<Self> {
+        Self::around(environment, reset_task)
+    }
+}
+
+impl<E: Environment + ?Sized> World<E> {
+    /// Puts a reset task around an environment.
+    ///
+    /// # Errors
+    /// Impossible spaces, or neither the environment nor a task says what "reset" means.
+    pub fn around(environment: Box<E>, reset_task: Option<Box<dyn ResetTask>>) -> Result<Self> {
         let spec = environment.spec();
         spec.spaces.observation.validate("observation")?;
         spec.spaces.action.validate("action")?;

@@ -17,7 +17,7 @@ use shield_runtime::{
     observer::{Counters, Intervention, Observer},
     run::{Identity, Recorder, RunFolder},
     shield::{
-        Moment, Shield, ShieldSettings,
+        Agents, Ladder, LadderSettings, Moment, RuleTree,
         solver::{Outcome, Program, Solver},
     },
 };
@@ -86,11 +86,12 @@ struct Reach {
     threshold: f32,
     pushes: fn(&RuleContext<'_>, &[f32], f32, &mut dyn Rows) -> Result<()>,
     told: Told,
+    is_slow_to_note: bool,
 }
 
 impl Reach {
     fn new(threshold: f32) -> Self {
-        Self { threshold, pushes: honest, told: Arc::default() }
+        Self { threshold, pushes: honest, told: Arc::default(), is_slow_to_note: false }
     }
 }
 
@@ -120,6 +121,9 @@ impl AbortRule for Reach {
     }
 
     fn observe(&mut self, decision: &ObservedDecision<'_>) -> Result<()> {
+        if self.is_slow_to_note {
+            std::thread::sleep(Duration::from_millis(5));
+        }
         self.told.lock().unwrap().push((decision.aborted, decision.action.to_vec()));
         Ok(())
     }
@@ -129,24 +133,28 @@ fn qp(config: QpConfig) -> ProjectionConfig {
     ProjectionConfig::Qp(config)
 }
 
-fn settings(action: Space) -> ShieldSettings {
+fn settings(action: Space) -> LadderSettings {
     let fallback_action = vec![0.0; action.action_len()];
     let spaces = Spaces { observation: Space::unbounded(1), action };
-    ShieldSettings { spaces, warm_up_steps: 0, fallback_action }
+    LadderSettings { spaces, warm_up_steps: 0, fallback_action }
 }
 
-fn shield(rule: impl AbortRule + 'static, agent: &Plane, projection: ProjectionConfig) -> Shield {
+fn shield(rule: impl AbortRule + 'static, agent: &Plane, projection: ProjectionConfig) -> Ladder {
     let settings = settings(Space::uniform(2, -1.0, 1.0));
-    Shield::new(vec![Box::new(rule)], agent, settings).unwrap().with_projection(projection).unwrap()
+    Ladder::new(RuleTree::Rule(Box::new(rule)), agent, settings).unwrap().with_projection(projection).unwrap()
+}
+
+fn only(reset: &mut Plane) -> Agents<'_> {
+    Agents { reset, forward: None }
 }
 
 fn moment() -> Moment<'static> {
-    Moment { step: 0, observation: &[0.0], previous: None, forward_values: &[] }
+    Moment { step: 0, observation: &[0.0], previous: None }
 }
 
-fn filter(shield: &mut Shield, agent: &mut Plane) -> (Decision, [f32; 2]) {
+fn filter(shield: &mut Ladder, agent: &mut Plane) -> (Decision, [f32; 2]) {
     let mut action = PROPOSED;
-    let decision = shield.filter(agent, &moment(), &mut action);
+    let decision = shield.filter(only(agent), &moment(), &mut action);
     (decision, action)
 }
 
@@ -190,7 +198,7 @@ fn the_rule_of_a_third_party_is_not_projected_or_not_to_the_nearest_action() {
     assert_eq!(*told.lock().unwrap(), [(false, action.to_vec())], "rules hear of what is executed");
 
     let mut exploration = PROPOSED;
-    let decision = shield.guard(&mut agent, &moment(), &mut exploration);
+    let decision = shield.guard(only(&mut agent), &moment(), &mut exploration);
     assert_aborts((decision, exploration), Cause::Rejected);
 }
 
@@ -333,8 +341,9 @@ fn a_solver_that_fails_or_lies_does_not_abort() {
     ];
     for (solve, cause) in table {
         let mut agent = Plane::linear();
-        let mut shield =
-            shield(Reach::new(0.0), &agent, qp(QpConfig::default())).with_solver(Box::new(Fake(solve)));
+        let mut shield = shield(Reach::new(0.0), &agent, qp(QpConfig::default()))
+            .with_solver(Box::new(Fake(solve)))
+            .unwrap();
         assert_aborts(filter(&mut shield, &mut agent), cause);
         assert!(shield.reason().starts_with("-1 does not reach 0; not projected: "), "{}", shield.reason());
         // And once more: nothing is left behind that would let it pass.
@@ -346,7 +355,8 @@ fn a_solver_that_fails_or_lies_does_not_abort() {
         y.fill(-1e9);
         Outcome::Solved
     });
-    let mut shield = shield(Reach::new(0.0), &agent, qp(QpConfig::default())).with_solver(Box::new(far));
+    let mut shield =
+        shield(Reach::new(0.0), &agent, qp(QpConfig::default())).with_solver(Box::new(far)).unwrap();
     assert_eq!(filter(&mut shield, &mut agent).1, [-1.0, -1.0]);
 }
 
@@ -367,7 +377,7 @@ fn the_reset_agents_action_replaces_one_that_it_must_not() {
 fn a_projection_that_does_not_fit_is_accepted() {
     let agent = Plane::linear();
     let build = |space: Space, config| {
-        let shield = Shield::new(vec![Box::new(Reach::new(0.0))], &agent, settings(space)).unwrap();
+        let shield = Ladder::new(RuleTree::Rule(Box::new(Reach::new(0.0))), &agent, settings(space)).unwrap();
         shield.with_projection(config).err().map(|error| error.message().to_owned())
     };
     let discrete = || Space::Discrete { n: 3 };
@@ -379,14 +389,6 @@ fn a_projection_that_does_not_fit_is_accepted() {
     let trust = QpConfig { trust_region: Some(0.5), ..QpConfig::default() };
     assert!(build(endless.clone(), qp(trust)).unwrap().contains("no bounds"));
     assert_eq!(build(endless, qp(QpConfig::default())), None);
-
-    let forward = common::Rule {
-        needs: Needs { forward_values: true, ..Needs::default() },
-        judge: Box::new(|_| Ok(RuleVerdict::from_safe(true, 0.0))),
-    };
-    let shield =
-        Shield::new(vec![Box::new(forward)], &agent, settings(Space::uniform(2, -1.0, 1.0))).unwrap();
-    assert!(shield.with_projection(ProjectionConfig::Replace).is_err());
 }
 
 #[test]
@@ -409,6 +411,15 @@ fn a_late_decision_is_executed() {
     };
     assert_aborts(decide(slow_and_low, Duration::from_millis(1)), Cause::Deadline);
     assert!(decide(slow_and_low, Duration::from_secs(60)).0.projection().is_some());
+    // In time, but only until the rules have taken note of it.
+    let dawdling = || Reach { told: Arc::default(), is_slow_to_note: true, ..Reach::new(-2.0) };
+    let decide = |deadline| {
+        let mut agent = Plane::linear();
+        let mut shield = shield(dawdling(), &agent, qp(QpConfig::default())).with_deadline(deadline);
+        filter(&mut shield, &mut agent)
+    };
+    assert_aborts(decide(Duration::from_millis(2)), Cause::Deadline);
+    assert_eq!(decide(Duration::from_secs(60)).0, Decision::Allow);
 }
 
 #[test]

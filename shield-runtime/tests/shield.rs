@@ -5,26 +5,31 @@
 mod common;
 
 use common::{Rule, Scripted, shield};
-use shield_api::{AbortRule, ActMode, Error, Learner, Needs, RuleVerdict, Verdict};
+use shield_api::{AbortRule, ActMode, Error, Learner, Needs, RuleContext, RuleVerdict, Verdict};
 use shield_runtime::{
     decision::{Cause, Decision},
-    shield::{Moment, Shield},
+    shield::{Agents, Ladder, Moment},
 };
 
 const BAD: [f32; 3] = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY];
 
 fn moment(observation: &[f32]) -> Moment<'_> {
-    Moment { step: 100, observation, previous: None, forward_values: &[] }
+    Moment { step: 100, observation, previous: None }
 }
 
 fn reset_agent(values: &'static [f32]) -> Scripted {
     Scripted::acting(|_, _| -1.0).valuing(values.len(), move |_, _| values.to_vec())
 }
 
+/// Whom a shield asks that has no forward learner.
+fn only(reset: &mut Scripted) -> Agents<'_> {
+    Agents { reset, forward: None }
+}
+
 /// Decides on `action` at observation 0.
 fn decide(rules: Vec<Box<dyn AbortRule>>, mut agent: Scripted, action: &mut [f32]) -> Decision {
     let mut shield = shield(rules, &agent, 0);
-    shield.filter(&mut agent, &moment(&[0.0]), action)
+    shield.filter(only(&mut agent), &moment(&[0.0]), action)
 }
 
 fn cause(decision: Decision) -> Option<Cause> {
@@ -70,14 +75,16 @@ fn what_is_not_finite_or_has_the_wrong_length_aborts() {
         assert_eq!(cause(decide(rules(), values, &mut [0.0])), Some(Cause::ValuesFailed), "{bad}");
         let mut agent = reset_agent(&[1.0]);
         let mut shield = shield(rules(), &agent, 0);
-        let decision = shield.filter(&mut agent, &moment(&[bad]), &mut [0.0]);
+        let decision = shield.filter(only(&mut agent), &moment(&[bad]), &mut [0.0]);
         assert_eq!(cause(decision), Some(Cause::InvalidObservation), "{bad}");
-        let forward = Moment { forward_values: &[bad], ..moment(&[0.0]) };
-        assert_eq!(
-            cause(shield.filter(&mut agent, &forward, &mut [0.0])),
-            Some(Cause::ValuesFailed),
-            "{bad}"
-        );
+        let mut forward = Scripted::acting(|_, _| 0.0).valuing(2, move |_, _| vec![1.0, bad]);
+        let needs = Needs { forward_values: true, ..Needs::default() };
+        let allow = Box::new(|_: &RuleContext<'_>| Ok(RuleVerdict::from_safe(true, 1.0)));
+        let rule: Box<dyn AbortRule> = Box::new(Rule { needs, judge: allow });
+        let mut curious = common::shield(vec![rule], &agent, 0);
+        let agents = Agents { reset: &mut agent, forward: Some(&mut forward) };
+        let decision = curious.filter(agents, &moment(&[0.0]), &mut [0.0]);
+        assert_eq!(cause(decision), Some(Cause::ValuesFailed), "{bad}");
     }
     for length in [0, 2] {
         let mut action = vec![0.5; length];
@@ -88,7 +95,7 @@ fn what_is_not_finite_or_has_the_wrong_length_aborts() {
         );
         let mut agent = reset_agent(&[1.0]);
         let mut shield = shield(rules(), &agent, 0);
-        let decision = shield.filter(&mut agent, &moment(&vec![0.0; length]), &mut [0.0]);
+        let decision = shield.filter(only(&mut agent), &moment(&vec![0.0; length]), &mut [0.0]);
         assert_eq!(cause(decision), Some(Cause::InvalidObservation));
     }
     assert_eq!(cause(decide(rules(), reset_agent(&[1.0]), &mut [1.01])), Some(Cause::InvalidAction));
@@ -99,7 +106,7 @@ fn a_rule_or_an_agent_that_fails_aborts() {
     let failing = Rule::judging(|_| Err(Error::failed("the rule has a headache")));
     let mut agent = reset_agent(&[1.0]);
     let mut broken = shield(vec![failing], &agent, 0);
-    let decision = broken.filter(&mut agent, &moment(&[0.0]), &mut [0.0]);
+    let decision = broken.filter(only(&mut agent), &moment(&[0.0]), &mut [0.0]);
     assert_eq!(decision.abort().map(|abort| (abort.cause, abort.rule)), Some((Cause::RuleFailed, Some(0))));
     assert_eq!(broken.reason(), "the rule has a headache");
 
@@ -114,13 +121,13 @@ fn a_rule_or_an_agent_that_fails_aborts() {
 fn the_warm_up_asks_no_rule_but_still_refuses_what_is_no_action() {
     let mut agent = reset_agent(&[0.0]);
     let mut shield = shield(vec![Rule::below(5.0)], &agent, 200);
-    assert_eq!(shield.filter(&mut agent, &moment(&[0.0]), &mut [0.3]), Decision::WarmUp);
+    assert_eq!(shield.filter(only(&mut agent), &moment(&[0.0]), &mut [0.3]), Decision::WarmUp);
     assert_eq!(
-        cause(shield.filter(&mut agent, &moment(&[0.0]), &mut [f32::NAN])),
+        cause(shield.filter(only(&mut agent), &moment(&[0.0]), &mut [f32::NAN])),
         Some(Cause::InvalidAction)
     );
     let later = Moment { step: 200, ..moment(&[0.0]) };
-    assert_eq!(cause(shield.filter(&mut agent, &later, &mut [0.3])), Some(Cause::Rejected));
+    assert_eq!(cause(shield.filter(only(&mut agent), &later, &mut [0.3])), Some(Cause::Rejected));
 }
 
 #[test]
@@ -145,8 +152,8 @@ fn what_no_rule_needs_is_not_computed() {
                 Ok(RuleVerdict::from_safe(true, 0.0))
             }),
         };
-        let mut shield: Shield = shield(vec![Box::new(rule)], &agent as &dyn Learner, 0);
-        assert_eq!(shield.filter(&mut agent, &moment(&[0.0]), &mut [0.5]), Decision::Allow);
+        let mut shield: Ladder = shield(vec![Box::new(rule)], &agent as &dyn Learner, 0);
+        assert_eq!(shield.filter(only(&mut agent), &moment(&[0.0]), &mut [0.5]), Decision::Allow);
         assert_eq!(count.load(std::sync::atomic::Ordering::Relaxed), expected);
     }
 }
@@ -154,10 +161,11 @@ fn what_no_rule_needs_is_not_computed() {
 #[test]
 fn a_fallback_outside_the_action_space_is_refused_when_the_shield_is_built() {
     let agent = reset_agent(&[1.0]);
-    let settings = shield_runtime::shield::ShieldSettings {
+    let settings = shield_runtime::shield::LadderSettings {
         spaces: common::spaces(),
         warm_up_steps: 0,
         fallback_action: vec![2.0],
     };
-    assert!(Shield::new(Vec::new(), &agent, settings).is_err());
+    let rules: Vec<Box<dyn AbortRule>> = vec![Rule::below(0.0)];
+    assert!(Ladder::new(rules, &agent, settings).is_err());
 }

@@ -7,7 +7,7 @@ use mujoco_rs::prelude::{MjData, MjModel};
 use shield_api::{Environment, Learner, Setup};
 use shield_runtime::{
     plugin::{LoadedEnvironment, LoadedLearner, Registry, SearchPath, Selection, host},
-    shield::{Moment, Shield, ShieldSettings},
+    shield::{Agents, Ladder, LadderSettings, Moment, RuleTree},
 };
 use shield_tests::{plugins_folder, workspace};
 
@@ -37,12 +37,17 @@ fn filter(criterion: &mut Criterion) {
             .abort_rule(&Selection::new("ensemble-threshold"), "(q_min: -1e6)", &setup)
             .expect("a rule");
         let fallback_action = vec![0.0; spaces.action_len()];
-        let settings = ShieldSettings { spaces: spaces.clone(), warm_up_steps: 0, fallback_action };
-        let mut shield = Shield::new(vec![Box::new(rule)], &agent, settings).expect("a shield");
-        let moment = Moment { step: 0, observation: &observation, previous: None, forward_values: &[] };
+        let settings = LadderSettings { spaces: spaces.clone(), warm_up_steps: 0, fallback_action };
+        let mut shield = Ladder::new(RuleTree::Rule(Box::new(rule)), &agent, settings).expect("a shield");
+        let moment = Moment { step: 0, observation: &observation, previous: None };
         group.bench_function(format!("allowed decision, threads {threads}"), |bencher| {
             bencher.iter(|| {
-                assert!(shield.filter(&mut agent, black_box(&moment), &mut action).abort().is_none())
+                assert!(
+                    shield
+                        .filter(Agents { reset: &mut agent, forward: None }, black_box(&moment), &mut action)
+                        .abort()
+                        .is_none()
+                )
             });
         });
     }

@@ -128,6 +128,10 @@ fn wrong_input_is_refused_with_its_place() {
     refused(&good.replace("combine: Optimistic", "combne: Optimistic"), &[], &["x.ron:9:", "combne"]);
     refused(&good.replace("q_min: 0.4", "q_min: \"high\""), &[], &["x.ron:9:"]);
     refused(&good.replace("\"tabular-q\"", "\"tabular\""), &[], &["x.ron:6:", "tabular-q"]);
+    let nested = good
+        .replace("rules: [(", "rules: [Any([(plugin: \"deadline-latch\", config: (stps: 3)), (")
+        .replace("Optimistic))]", "Optimistic))])]");
+    refused(&nested, &[], &["x.ron:9:", "stps"]);
     refused(
         &good.replace("reset: (plugin: \"tabular-q\")", "reset: (plugin: \"gridworld\")"),
         &[],
@@ -145,7 +149,7 @@ fn wrong_input_is_refused_with_its_place() {
     refused(&gridworld(100, "mode: ResetOnly(strat: None),"), &[], &["x.ron:14:", "strat"]);
     refused(&good, &["--set", "experience.capacity=1152921504606846976"], &["no memory", "capacity"]);
     let discrete = good.replace("warm_up_steps", "projection: Qp(), warm_up_steps");
-    refused(&discrete, &[], &["x.ron:10:", "actions are discrete", "`Replace` works here"]);
+    refused(&discrete, &[], &["x.ron:10:", "actions are discrete", "`Best` and `Replace` work here"]);
     let override_of_b = r#"variants: {"a": [], "b": [("shield.rules[0].config.q_min", "x")]},"#;
     refused(&gridworld(100, override_of_b), &[], &["x.ron:14:", "b"]);
 }

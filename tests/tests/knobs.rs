@@ -47,6 +47,9 @@ fn every_field_of_an_experiment_changes_a_run_in_the_gridworld() {
         "environment.config.map=\"two-goals\"",
         "shield.rules[0].config.q_min=0.6",
         "shield.rules[0].config.combine=Pessimistic",
+        "shield.projection=Best",
+        "shield.rules[0]=Any([(plugin: \"deadline-latch\"), (plugin: \"ensemble-threshold\", config: (q_min: 0.4))])",
+        "shield.rules[0]=All([(plugin: \"deadline-latch\"), (plugin: \"ensemble-threshold\", config: (q_min: 0.4))])",
         "shield.reset_attempts=2",
         "shield.reset_attempts=Unlimited",
         "shield.reset_test=FinalState",
@@ -105,7 +108,12 @@ fn every_field_of_the_decision_ladder_changes_a_run_of_the_cart() {
         "shield.projection=Qp(trust_region: 0.2)",
         "shield.projection=Qp(weights: [4.0])",
     ];
-    all_change(&experiment.replace("warm_up_steps", "projection: Qp(), warm_up_steps"), &fields);
+    let projected = experiment.replace("warm_up_steps", "projection: Qp(), warm_up_steps");
+    all_change(&projected, &fields);
+    // The margin is given up in part: the more, the lower the priority.
+    let careful = projected.replace("Qp()", "Qp(margin: 0.3)");
+    let soft = careful.replace(rule, &format!("Soft(priority: 1.0, rule: {rule})"));
+    all_change(&soft, &["shield.rules[0].priority=100.0"]);
 }
 
 #[test]

@@ -204,7 +204,7 @@ fn run_one(session: &Session<'_>, job: &Job<'_>) -> Result<Summary> {
     };
     let config = variant.resolved_ron(identity.seed, &fields_of);
     folder.create(&config, &plugins_json(session.registry, experiment)?, session.overwrite)?;
-    let rules = experiment.shield.rules.iter().map(|rule| rule.plugin.clone()).collect();
+    let rules = experiment.rules().map(|choice| choice.plugin.clone()).collect();
     let solved_at = experiment.evaluation.as_ref().map_or(1.0, |evaluation| evaluation.solved_at);
     let is_deterministic =
         experiment.shield.deadline_us.is_none() && manifests.iter().all(|manifest| manifest.deterministic);

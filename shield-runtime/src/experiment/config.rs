@@ -2,7 +2,7 @@
 
 use indexmap::IndexMap;
 use ron::value::RawValue;
-use serde::{Deserialize, Deserializer, Serialize};
+use serde::{Deserialize, Deserializer, Serialize, Serializer, ser::SerializeStructVariant};
 
 use crate::plugin::Kind;
 
@@ -61,11 +61,18 @@ impl Experiment {
             Forward::Policy(choice) => ("forward".into(), Kind::Policy, choice),
         });
         found.extend(self.reset.iter().map(|choice| ("reset".into(), Kind::Learner, choice)));
-        let rules = self.shield.rules.iter().enumerate();
-        found
-            .extend(rules.map(|(index, choice)| (format!("shield.rules[{index}]"), Kind::AbortRule, choice)));
+        let mut rules = Vec::new();
+        RuleConfig::collect(&self.shield.rules, "shield.rules", &mut rules);
+        found.extend(rules.into_iter().map(|(path, choice)| (path, Kind::AbortRule, choice)));
         found.extend(self.reset_task.iter().map(|choice| ("reset_task".into(), Kind::ResetTask, choice)));
         found
+    }
+
+    /// The rules in the order in which the shield counts them, whatever way they are composed.
+    pub fn rules(&self) -> impl Iterator<Item = &PluginChoice> {
+        let mut found = Vec::new();
+        RuleConfig::collect(&self.shield.rules, "shield.rules", &mut found);
+        found.into_iter().map(|(_, choice)| choice)
     }
 
     pub(super) fn plugins_mut(&mut self) -> impl Iterator<Item = &mut PluginChoice> {
@@ -73,7 +80,7 @@ impl Experiment {
         [&mut self.environment, forward]
             .into_iter()
             .chain(&mut self.reset)
-            .chain(&mut self.shield.rules)
+            .chain(self.shield.rules.iter_mut().flat_map(RuleConfig::plugins_mut))
             .chain(&mut self.reset_task)
     }
 }
@@ -151,7 +158,7 @@ impl Forward {
 #[serde(default, deny_unknown_fields)]
 pub struct ShieldConfig {
     /// An action is executed only if every rule allows it.
-    pub rules: Vec<PluginChoice>,
+    pub rules: Vec<RuleConfig>,
     /// What is tried with a rejected action before it is aborted. `None`: nothing, as in the paper.
     pub projection: Option<ProjectionConfig>,
     /// A decision that takes longer, in microseconds of a monotonic clock, is an abort. It makes a run non-deterministic.
@@ -216,6 +223,64 @@ impl OnAbort {
     }
 }
 
+/// A rule, or several composed.
+#[derive(Debug, Clone, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub enum RuleConfig {
+    /// One rule; written without this name, `(plugin: …)`.
+    Rule(PluginChoice),
+    /// One rule whose rows a projection may exceed. It judges what was found as strictly as any.
+    Soft {
+        /// What an excess of s costs: priority · s² / 2, where moving the action by d costs d² / 2.
+        priority: f32,
+        /// The rule.
+        rule: PluginChoice,
+    },
+    /// Every one must allow the action.
+    All(Vec<RuleConfig>),
+    /// One is enough.
+    Any(Vec<RuleConfig>),
+}
+
+impl RuleConfig {
+    /// The plugins of a list of rules, in the order in which the shield counts them, with the path of each.
+    pub(super) fn collect<'a>(rules: &'a [Self], path: &str, found: &mut Vec<(String, &'a PluginChoice)>) {
+        for (index, rule) in rules.iter().enumerate() {
+            let path = format!("{path}[{index}]");
+            match rule {
+                Self::Rule(choice) => found.push((path, choice)),
+                Self::Soft { rule, .. } => found.push((format!("{path}.rule"), rule)),
+                Self::All(parts) | Self::Any(parts) => Self::collect(parts, &path, found),
+            }
+        }
+    }
+
+    fn plugins_mut(&mut self) -> Vec<&mut PluginChoice> {
+        match self {
+            Self::Rule(choice) | Self::Soft { rule: choice, .. } => vec![choice],
+            Self::All(parts) | Self::Any(parts) => parts.iter_mut().flat_map(Self::plugins_mut).collect(),
+        }
+    }
+}
+
+/// A single rule is written without its name, as it may be read.
+impl Serialize for RuleConfig {
+    fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
+        const NAME: &str = "RuleConfig";
+        match self {
+            Self::Rule(choice) => choice.serialize(serializer),
+            Self::Soft { priority, rule } => {
+                let mut soft = serializer.serialize_struct_variant(NAME, 1, "Soft", 2)?;
+                soft.serialize_field("priority", priority)?;
+                soft.serialize_field("rule", rule)?;
+                soft.end()
+            }
+            Self::All(parts) => serializer.serialize_newtype_variant(NAME, 2, "All", parts),
+            Self::Any(parts) => serializer.serialize_newtype_variant(NAME, 3, "Any", parts),
+        }
+    }
+}
+
 /// What is tried with an action that a rule rejects, before it is aborted.
 #[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 pub enum ProjectionConfig {
@@ -223,6 +288,8 @@ pub enum ProjectionConfig {
     Qp(QpConfig),
     /// The reset agent's greedy action, for one step.
     Replace,
+    /// Of discrete actions, the allowed one of the highest forward value.
+    Best,
 }
 
 /// How the nearest allowed action is looked for.

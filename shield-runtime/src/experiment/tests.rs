@@ -66,8 +66,8 @@ fn the_example_of_the_architecture_is_accepted() {
     assert!(experiment.reset_task.is_none() && experiment.variants.is_empty());
     assert_eq!(experiment.evaluation.as_ref().unwrap().every, 10_000);
     assert_eq!(variants[1].experiment.mode, Mode::StatusQuo);
-    assert_eq!(config(&experiment.shield.rules[0]), "(q_min: 10.0, combine: Pessimistic)");
-    assert_eq!(config(&variants[2].experiment.shield.rules[0]), "(q_min: 5.0, combine: Pessimistic)");
+    assert_eq!(config(experiment.rules().next().unwrap()), "(q_min: 10.0, combine: Pessimistic)");
+    assert_eq!(config(variants[2].experiment.rules().next().unwrap()), "(q_min: 5.0, combine: Pessimistic)");
 }
 
 #[test]
@@ -215,6 +215,28 @@ fn values_that_cannot_be_run_are_refused_where_they_stand() {
         "shield: (on_abort: @Truncate)",
         "a finished policy learns from nothing: it takes `forward: Learner(…)`, or `Nothing` here",
     );
+    check_field("shield: (rules: [@Any([])])", "`All` and `Any` need at least one rule");
+    check_field(
+        "shield: (rules: [All([(plugin: \"r\"), @Any([])])])",
+        "`All` and `Any` need at least one rule",
+    );
+    check_field("shield: (rules: [Any([(plugin: @\"\")])])", "the id of a plugin is empty");
+    check_field(
+        "shield: (rules: [Soft(priority: @0.0, rule: (plugin: \"r\"))])",
+        "the priority 0 is not finite and above 0",
+    );
+    check_field(
+        "shield: (rules: [(@plugn: \"r\")])",
+        "unexpected field named `plugn` in `Rule`, expected one of `plugin`, `path`, or `config` instead; did you mean `plugin`?",
+    );
+    check_field(
+        "shield: (rules: [@Ayn([(plugin: \"r\")])])",
+        "unexpected variant named `Ayn` in enum `RuleConfig`, expected one of `Rule`, `Soft`, `All`, or `Any` instead; did you mean `Any`?",
+    );
+    check_field(
+        "shield: (projection: @Best)",
+        "a finished policy values no action: `Best` takes `forward: Learner(…)`; `Replace` works here",
+    );
     check_field("experience: (cost_weight: @-1.0)", "the weight -1 is not finite and at least 0");
     check_field("experience: (cost_weight: @NaN)", "the weight NaN is not finite and at least 0");
     check_field("experience: (batch: @0)", "a batch needs at least one transition");
@@ -282,11 +304,41 @@ fn faults_of_variants_name_the_variant_and_the_override() {
 }
 
 #[test]
+fn composed_rules_are_read_another_way_than_they_are_written() {
+    let rules = r#"shield: (rules: [
+        (plugin: "a", config: (x: 1)),
+        Any([All([(plugin: "b"), Rule(plugin: "c")]), (plugin: "d", config: (y: 2))]),
+        Soft(priority: 2.0, rule: (plugin: "e", config: (z: 3))),
+    ])"#;
+    let text = SMALL.replace('@', &format!(", {rules}"));
+    let variant = only(&file(&text), &["shield.rules[1][1].config.y=5", "shield.rules[2].rule.config.z=6"]);
+    let plugins: Vec<&str> = variant.experiment.rules().map(|choice| choice.plugin.as_str()).collect();
+    assert_eq!(plugins, ["a", "b", "c", "d", "e"]);
+    let configs: Vec<&str> = variant.experiment.rules().map(config).collect();
+    assert_eq!(configs, ["(x: 1)", "()", "()", "(y: 5)", "(z: 6)"]);
+    let paths: Vec<String> = variant.experiment.plugins().into_iter().map(|(path, _, _)| path).collect();
+    assert_eq!(
+        paths[2..].join(" "),
+        "shield.rules[0] shield.rules[1][0][0] shield.rules[1][0][1] shield.rules[1][1] shield.rules[2].rule"
+    );
+    let place = text.find("\"b\"").unwrap();
+    let Position { line, column } = error::position_at(&text, place);
+    assert_eq!(
+        variant.locate("shield.rules[1][0][0].plugin", None).to_string(),
+        format!("x.ron:{line}:{column}")
+    );
+    let resolved = variant.resolved_ron(0, &|_| Vec::new());
+    let again = only(&file(&resolved), &[]);
+    assert_eq!(again.resolved_ron(0, &|_| Vec::new()), resolved);
+    assert!(!resolved.contains("Rule("), "{resolved}");
+}
+
+#[test]
 fn overrides_of_the_command_line_come_last_and_are_named() {
     let example = file(EXAMPLE);
     let variants = example.variants(&sets(&["shield.rules[0].config.q_min=7", "steps=5"]), None).unwrap();
     assert!(variants.iter().all(|variant| variant.experiment.steps == 5));
-    assert_eq!(config(&variants[2].experiment.shield.rules[0]), "(q_min: 7, combine: Pessimistic)");
+    assert_eq!(config(variants[2].experiment.rules().next().unwrap()), "(q_min: 7, combine: Pessimistic)");
     let check = |assignment: &str, message: &str| {
         let wrong = Override::parse(assignment).and_then(|set| small("").variants(&[set], None));
         assert_eq!(wrong.unwrap_err().to_string(), message);

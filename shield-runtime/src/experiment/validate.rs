@@ -2,7 +2,7 @@
 
 use super::config::{
     EvaluatedAgent, EvaluationConfig, ExperienceConfig, Experiment, Forward, Mode, OnAbort, ProjectionConfig,
-    QpConfig, ResetAttempts,
+    QpConfig, ResetAttempts, RuleConfig,
 };
 
 /// What is wrong, and the path of the value to which it belongs.
@@ -103,10 +103,34 @@ fn shield(experiment: &Experiment) -> Checked {
     }
     ensure(settings.deadline_us != Some(0), "shield.deadline_us", "every decision takes longer than 0 µs")?;
     on_abort(experiment)?;
+    rules(&settings.rules, "shield.rules")?;
     match &settings.projection {
         Some(ProjectionConfig::Qp(settings)) => projection(settings),
+        Some(ProjectionConfig::Best) => {
+            let learns = matches!(experiment.forward, Forward::Learner(_));
+            let message = "a finished policy values no action: `Best` takes `forward: Learner(…)`; `Replace` works here";
+            ensure(learns, "shield.projection", message)
+        }
         Some(ProjectionConfig::Replace) | None => Ok(()),
     }
+}
+
+fn rules(rules: &[RuleConfig], path: &str) -> Checked {
+    for (index, rule) in rules.iter().enumerate() {
+        let path = format!("{path}[{index}]");
+        match rule {
+            RuleConfig::Rule(_) => {}
+            RuleConfig::Soft { priority, .. } => {
+                let message = format!("the priority {priority} is not finite and above 0");
+                ensure(priority.is_finite() && *priority > 0.0, format!("{path}.priority"), message)?;
+            }
+            RuleConfig::All(parts) | RuleConfig::Any(parts) => {
+                ensure(!parts.is_empty(), &path, "`All` and `Any` need at least one rule")?;
+                self::rules(parts, &path)?;
+            }
+        }
+    }
+    Ok(())
 }
 
 fn on_abort(experiment: &Experiment) -> Checked {

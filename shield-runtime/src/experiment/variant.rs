@@ -97,6 +97,10 @@ impl Source {
         }
         let root = self.tree()?;
         settle_forms(&mut self.edited, &root, false);
+        let root = self.tree()?;
+        if let (rules, true) = path::nearest(&root, "shield.rules") {
+            name_rules(&mut self.edited, rules);
+        }
         Ok(())
     }
 
@@ -202,6 +206,21 @@ fn settle_forms(edited: &mut EditedText, node: &Node, is_config: bool) {
     }
     if let Some((opening, _)) = unwrapped {
         edited.replace(opening, &[]);
+    }
+}
+
+/// Gives the name `Rule` to every rule that has none, so that it can stand beside `All` and `Any`.
+fn name_rules(edited: &mut EditedText, rules: &Node) {
+    for rule in rules.inner().items().iter().rev() {
+        let start = rule.span.start;
+        let text = &edited.text()[rule.span.clone()];
+        let is_group = ["All", "Any"].iter().any(|name| text.starts_with(name)) && rule.named;
+        let is_bare = !rule.named && text.starts_with('(');
+        if is_group {
+            name_rules(edited, rule);
+        } else if is_bare {
+            edited.replace(start..start, &[("Rule", edited.origin(start))]);
+        }
     }
 }
 

@@ -7,7 +7,7 @@ use crate::{
     evaluation::Evaluator,
     experience::Experience,
     experiment::{BetweenAttempts, Endings, Mode, OnAbort, ResetTest, Updates},
-    shield::Shield,
+    shield::Ladder,
     world::World,
 };
 
@@ -53,7 +53,7 @@ pub struct Participants {
     /// Undoes it; `None` in `StatusQuo` and `ForwardOnly`.
     pub reset: Option<Agent>,
     /// Stands between; `Some` in `Shielded` only.
-    pub shield: Option<Shield>,
+    pub shield: Option<Ladder>,
     /// Evaluates in a second instance of the environment.
     pub evaluator: Option<Evaluator>,
     /// What both agents learn from.

@@ -11,11 +11,12 @@ use crate::{
     evaluation::Evaluator,
     experience::{AgentRole, Experience},
     experiment::{
-        EvaluatedAgent, EvaluationConfig, Experiment, Forward, InputError, Mode, PluginChoice, Variant,
+        EvaluatedAgent, EvaluationConfig, Experiment, Forward, InputError, Mode, PluginChoice, RuleConfig,
+        Variant,
     },
     joint_loop::{LoopRandomness, LoopSettings, Participants},
     plugin::{self, PluginError, Registry, Selection},
-    shield::{Shield, ShieldSettings},
+    shield::{Ladder, LadderSettings, RuleTree},
     world::World,
 };
 
@@ -170,21 +171,47 @@ impl Builder<'_> {
         Ok(Box::new(learner.map_err(|error| self.input_error(path, error))?))
     }
 
-    fn shield(&self, reset: &dyn Learner, spaces: &Spaces, stream: Stream) -> Result<Shield, InputError> {
+    fn rules(
+        &self,
+        rules: &[RuleConfig],
+        path: &str,
+        setup: &mut Setup,
+    ) -> Result<Vec<RuleTree>, InputError> {
+        let mut trees = Vec::with_capacity(rules.len());
+        for (index, rule) in rules.iter().enumerate() {
+            let path = format!("{path}[{index}]");
+            trees.push(match rule {
+                RuleConfig::Rule(choice) => RuleTree::Rule(self.rule(choice, &path, setup)?),
+                RuleConfig::Soft { priority, rule } => {
+                    RuleTree::soft(*priority, self.rule(rule, &format!("{path}.rule"), setup)?)
+                }
+                RuleConfig::All(parts) => RuleTree::All(self.rules(parts, &path, setup)?),
+                RuleConfig::Any(parts) => RuleTree::Any(self.rules(parts, &path, setup)?),
+            });
+        }
+        Ok(trees)
+    }
+
+    fn rule(
+        &self,
+        choice: &PluginChoice,
+        path: &str,
+        setup: &mut Setup,
+    ) -> Result<Box<dyn shield_api::AbortRule>, InputError> {
+        setup.seed = setup.seed.wrapping_add(1);
+        let rule = self.registry.abort_rule(&self.selection(choice), choice.config.get_ron(), setup);
+        Ok(Box::new(rule.map_err(|error| self.input_error(path, error))?))
+    }
+
+    fn shield(&self, reset: &dyn Learner, spaces: &Spaces, stream: Stream) -> Result<Ladder, InputError> {
         let config = &self.experiment.shield;
         let mut setup = self.setup(stream, spaces);
-        let mut rules: Vec<Box<dyn shield_api::AbortRule>> = Vec::new();
-        for (index, choice) in config.rules.iter().enumerate() {
-            setup.seed = setup.seed.wrapping_add(1);
-            let rule = self.registry.abort_rule(&self.selection(choice), choice.config.get_ron(), &setup);
-            let rule = rule.map_err(|error| self.input_error(&format!("shield.rules[{index}]"), error))?;
-            rules.push(Box::new(rule));
-        }
+        let rules = self.rules(&config.rules, "shield.rules", &mut setup)?;
         let fallback_action =
             config.fallback_action.clone().unwrap_or_else(|| nearest_to_zero(&spaces.action));
         let settings =
-            ShieldSettings { spaces: spaces.clone(), warm_up_steps: config.warm_up_steps, fallback_action };
-        let mut shield = Shield::new(rules, reset, settings)
+            LadderSettings { spaces: spaces.clone(), warm_up_steps: config.warm_up_steps, fallback_action };
+        let mut shield = Ladder::new(RuleTree::All(rules), reset, settings)
             .map_err(|error| self.refused("shield.fallback_action", &error))?;
         if let Some(projection) = &config.projection {
             shield = shield

@@ -253,7 +253,7 @@ impl Observer for Recorder {
         };
         let solver_status = match projection.map(|projection| projection.kind) {
             Some(ProjectionKind::Qp) => "solved",
-            Some(ProjectionKind::Replace) => "",
+            Some(ProjectionKind::Replace | ProjectionKind::Best) => "",
             None => abort.cause.solver_status().unwrap_or(""),
         };
         let rule = abort.rule.and_then(|index| self.rules.get(index)).map_or("", String::as_str);

@@ -29,14 +29,6 @@ impl Explanation {
         std::str::from_utf8(&self.buffer[..self.length]).unwrap_or("")
     }
 
-    /// Lets `author` write a new sentence.
-    pub fn write<T>(&mut self, author: impl FnOnce(&mut Reason<'_>) -> T) -> T {
-        let mut reason = Reason::new(&mut self.buffer);
-        let answer = author(&mut reason);
-        self.length = reason.len();
-        answer
-    }
-
     /// Adds to the sentence.
     pub fn append(&mut self, addition: impl Display) {
         let mut rest = Reason::new(&mut self.buffer[self.length..]);

@@ -1,26 +1,23 @@
 //! What is tried with a rejected action before it is aborted.
 
-use std::panic::{AssertUnwindSafe, catch_unwind};
-
-use shield_api::{ActMode, Learner, Result, Space};
+use shield_api::{ActMode, Error, Result, Space};
 
 use super::{
-    Moment,
     clock::Clock,
     explanation::Explanation,
     jury::Jury,
-    rows::RowBuffer,
-    solver::{InteriorPoint, Outcome, Program, Solver, Staged},
+    ladder::{Agents, Moment},
+    qp::Qp,
 };
 use crate::{
     decision::{Abort, Cause, Projection, ProjectionKind},
-    experiment::{ProjectionConfig, QpConfig},
+    experiment::ProjectionConfig,
 };
 
 /// A rejected action and whom to ask about another one.
-pub(super) struct Attempt<'a> {
+pub(super) struct Attempt<'a, 'b> {
     pub jury: &'a mut Jury,
-    pub reset_agent: &'a mut dyn Learner,
+    pub agents: &'a mut Agents<'b>,
     pub moment: &'a Moment<'a>,
     pub proposed: &'a [f32],
     pub rejection: Abort,
@@ -34,33 +31,50 @@ pub(super) type Failure = (Cause, String);
 pub(super) enum Projector {
     Qp(Box<Qp>),
     Replace,
+    /// Of so many discrete actions.
+    Best(usize),
 }
 
 impl Projector {
-    pub fn new(config: ProjectionConfig, action_space: &Space, members: usize) -> Result<Self> {
-        Ok(match config {
-            ProjectionConfig::Qp(config) => Self::Qp(Box::new(Qp::new(config, action_space, members)?)),
-            ProjectionConfig::Replace => Self::Replace,
+    pub fn new(config: ProjectionConfig, space: &Space, members: usize, jury: &Jury) -> Result<Self> {
+        Ok(match (config, space) {
+            (ProjectionConfig::Replace, _) => Self::Replace,
+            (ProjectionConfig::Best, Space::Discrete { n }) => Self::Best(*n),
+            (ProjectionConfig::Best, Space::Box { .. }) => {
+                return Err(Error::invalid_config(
+                    "the environment's actions are a box, which has no list of them: `Best` needs discrete ones; `Qp` works here",
+                ));
+            }
+            (ProjectionConfig::Qp(config), Space::Box { low, high }) => {
+                Self::Qp(Box::new(Qp::new(config, low, high, members, jury)?))
+            }
+            (ProjectionConfig::Qp(_), Space::Discrete { .. }) => {
+                return Err(Error::invalid_config(
+                    "the environment's actions are discrete, so that none is near another: `Qp` needs a box; `Best` and `Replace` work here",
+                ));
+            }
         })
     }
 
-    /// Writes an action that every rule allows into `found`.
-    pub fn find(&mut self, attempt: Attempt<'_>, found: &mut [f32]) -> Result<Projection, Failure> {
+    /// Writes an action that the rules allow into `found`.
+    pub fn find(&mut self, attempt: Attempt<'_, '_>, found: &mut [f32]) -> Result<Projection, Failure> {
         match self {
             Self::Qp(qp) => qp.find(attempt, found),
             Self::Replace => replace(attempt, found),
+            Self::Best(actions) => best(attempt, *actions, found),
         }
     }
 }
 
-/// The reset agent's greedy action, if every rule allows it: it knows best how to undo, and a step of it keeps the episode alive.
-fn replace(attempt: Attempt<'_>, found: &mut [f32]) -> Result<Projection, Failure> {
-    let Attempt { jury, reset_agent, moment, proposed, rejection, .. } = attempt;
-    reset_agent
+/// The reset agent's greedy action, if the rules allow it: it knows best how to undo, and a step of it keeps the episode alive.
+fn replace(attempt: Attempt<'_, '_>, found: &mut [f32]) -> Result<Projection, Failure> {
+    let Attempt { jury, agents, moment, proposed, rejection, .. } = attempt;
+    agents
+        .reset
         .act(moment.observation, ActMode::Greedy, found)
         .map_err(|error| (Cause::ValuesFailed, error.to_string()))?;
     let mut why = Explanation::new();
-    jury.judge(reset_agent, moment, found, &mut why).map_err(|abort| match abort.cause {
+    jury.judge(agents, moment, found, &mut why).map_err(|abort| match abort.cause {
         Cause::Rejected => (Cause::StillRejected, why.text().to_owned()),
         cause => (cause, why.text().to_owned()),
     })?;
@@ -69,152 +83,30 @@ fn replace(attempt: Attempt<'_>, found: &mut [f32]) -> Result<Projection, Failur
     Ok(Projection { kind: ProjectionKind::Replace, iterations: 0, distance, rejection })
 }
 
-/// Sequential linearisation: the nearest action that keeps the rules' rows, judged by its true values, and again from there.
-///
-/// The program is written in y = √weight · (a − a₀), so that its objective is ½ ‖y‖².
-pub(super) struct Qp {
-    solver: Box<dyn Solver>,
-    max_iterations: u32,
-    weights: Vec<f64>,
-    low: Vec<f32>,
-    high: Vec<f32>,
-    /// How far each dimension may move.
-    reach: Vec<f64>,
-    gradients: Vec<f32>,
-    rows: RowBuffer,
-    lower: Vec<f64>,
-    upper: Vec<f64>,
-    y: Vec<f64>,
-}
-
-impl Qp {
-    fn new(config: QpConfig, action_space: &Space, members: usize) -> Result<Self> {
-        let Space::Box { low, high } = action_space else {
-            return Err(shield_api::Error::invalid_config(
-                "the environment's actions are discrete, so that none is near another: `Qp` needs a box; `Replace` works here",
-            ));
-        };
-        let width = low.len();
-        let weights = config.weights.unwrap_or_else(|| vec![1.0; width]);
-        if weights.len() != width {
-            let given = weights.len();
-            return Err(shield_api::Error::invalid_config(format!(
-                "{given} weights are given, but actions have {width} dimensions"
-            )));
+/// Of the discrete actions that the rules allow, the one that the forward ensemble values most in the mean; of equal ones the first.
+fn best(attempt: Attempt<'_, '_>, actions: usize, found: &mut [f32]) -> Result<Projection, Failure> {
+    let Attempt { jury, agents, moment, proposed, rejection, clock } = attempt;
+    let mut why = Explanation::new();
+    let mut best: Option<(f32, f32)> = None;
+    for action in (0..actions).map(|index| index as f32).filter(|action| proposed != [*action]) {
+        if clock.is_late() {
+            return Err((Cause::Deadline, "no time is left".into()));
         }
-        let share = f64::from(config.trust_region.unwrap_or(f32::INFINITY));
-        let ranges = low.iter().zip(high).map(|(low, high)| f64::from(*high) - f64::from(*low));
-        let reach: Vec<f64> =
-            ranges.map(|range| if range == 0.0 { 0.0 } else { share * range / 2.0 }).collect();
-        if config.trust_region.is_some() && reach.iter().any(|reach| !reach.is_finite()) {
-            return Err(shield_api::Error::invalid_config(
-                "a trust region is a share of the action's range, which has no bounds here",
-            ));
+        match jury.judge(agents, moment, &[action], &mut why) {
+            Ok(()) => {}
+            Err(abort) if abort.cause == Cause::Rejected => continue,
+            Err(abort) => return Err((abort.cause, why.text().to_owned())),
         }
-        let weights: Vec<f64> = weights.into_iter().map(f64::from).collect();
-        let scale = weights.iter().map(|weight| weight.sqrt().recip()).collect();
-        Ok(Self {
-            solver: Box::new(Staged::new(InteriorPoint::default())),
-            max_iterations: config.max_iterations,
-            rows: RowBuffer::new(config.margin, scale),
-            weights,
-            low: low.clone(),
-            high: high.clone(),
-            reach,
-            gradients: vec![f32::NAN; members * width],
-            lower: vec![0.0; width],
-            upper: vec![0.0; width],
-            y: vec![0.0; width],
-        })
-    }
-
-    pub fn set_solver(&mut self, solver: Box<dyn Solver>) {
-        self.solver = solver;
-    }
-
-    fn find(&mut self, attempt: Attempt<'_>, found: &mut [f32]) -> Result<Projection, Failure> {
-        let Attempt { jury, reset_agent, moment, proposed, rejection, clock } = attempt;
-        self.enclose(proposed);
-        found.copy_from_slice(proposed);
-        let mut why = Explanation::new();
-        for iterations in 1..=self.max_iterations {
-            if clock.is_late() {
-                return Err((Cause::Deadline, "no time is left".into()));
-            }
-            self.rows.start(proposed);
-            jury.linearise(reset_agent, moment, found, &mut self.gradients, &mut self.rows)
-                .map_err(|(cause, error)| (cause, error.to_string()))?;
-            self.step(proposed, found)?;
-            match jury.judge(reset_agent, moment, found, &mut why) {
-                Ok(()) => {
-                    let distance = self.distance(proposed, found);
-                    return Ok(Projection { kind: ProjectionKind::Qp, iterations, distance, rejection });
-                }
-                Err(abort) if abort.cause == Cause::Rejected => {}
-                Err(abort) => return Err((abort.cause, why.text().to_owned())),
-            }
-        }
-        let times = self.max_iterations;
-        Err((Cause::StillRejected, format!("after {times} linearisations {}", why.text())))
-    }
-
-    /// The box of y around the proposed action: the action space and the trust region.
-    fn enclose(&mut self, proposed: &[f32]) {
-        for (index, value) in proposed.iter().copied().map(f64::from).enumerate() {
-            let (reach, stretch) = (self.reach[index], self.weights[index].sqrt());
-            self.lower[index] = (f64::from(self.low[index]) - value).max(-reach) * stretch;
-            self.upper[index] = (f64::from(self.high[index]) - value).min(reach) * stretch;
+        let value = jury
+            .forward_mean(agents, moment, &[action])
+            .map_err(|error| (Cause::ValuesFailed, error.to_string()))?;
+        if best.is_none_or(|(most, _)| value > most) {
+            best = Some((value, action));
         }
     }
-
-    /// Solves the program of the present rows and writes its action.
-    fn step(&mut self, proposed: &[f32], found: &mut [f32]) -> Result<(), Failure> {
-        if let Some(refused) = &self.rows.refused {
-            return Err((Cause::RowsFailed, refused.to_string()));
-        }
-        if self.rows.is_impossible {
-            return Err((Cause::Infeasible, "a row fails that no action changes".into()));
-        }
-        let rows = &self.rows;
-        let program = Program {
-            rows: &rows.coefficients,
-            bounds: &rows.bounds,
-            lower: &self.lower,
-            upper: &self.upper,
-        };
-        // Whatever a solver forgets to write is no action.
-        self.y.fill(f64::NAN);
-        let (solver, y) = (&mut self.solver, &mut self.y);
-        let outcome = catch_unwind(AssertUnwindSafe(|| solver.solve(&program, y)))
-            .map_err(|_| (Cause::SolverPanicked, "the solver panicked".into()))?;
-        match outcome {
-            Outcome::Solved => {}
-            Outcome::Infeasible => return Err((Cause::Infeasible, "no action keeps all rows".into())),
-            Outcome::NotConverged => {
-                return Err((Cause::NotConverged, "the solver found no solution".into()));
-            }
-        }
-        for (value, (lower, upper)) in y.iter_mut().zip(self.lower.iter().zip(&self.upper)) {
-            // Not `f64::max`, which would turn NaN into a bound.
-            *value = value.clamp(*lower, *upper);
-        }
-        if !program.keeps_rows(y) {
-            return Err((Cause::NotConverged, "the solver's solution does not keep the rows".into()));
-        }
-        for (index, value) in found.iter_mut().enumerate() {
-            let step = self.y[index] / self.weights[index].sqrt();
-            let target = (f64::from(proposed[index]) + step) as f32;
-            *value = target.clamp(self.low[index], self.high[index]);
-        }
-        match found.iter().all(|value| value.is_finite()) {
-            true => Ok(()),
-            false => Err((Cause::NotConverged, "the solution is beyond every finite action".into())),
-        }
-    }
-
-    /// √ Σ weight · movement².
-    fn distance(&self, proposed: &[f32], found: &[f32]) -> f32 {
-        let moved = found.iter().zip(proposed).map(|(new, old)| f64::from(*new) - f64::from(*old));
-        moved.zip(&self.weights).map(|(step, weight)| weight * step * step).sum::<f64>().sqrt() as f32
-    }
+    let Some((_, action)) = best else {
+        return Err((Cause::StillRejected, format!("none of the {actions} actions is allowed")));
+    };
+    found.fill(action);
+    Ok(Projection { kind: ProjectionKind::Best, iterations: 0, distance: 0.0, rejection })
 }

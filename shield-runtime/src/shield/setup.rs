@@ -1,15 +1,18 @@
-//! How a shield is made.
+//! How a ladder is made.
 
 use std::time::Duration;
 
-use shield_api::{AbortRule, Error, Learner, Result, Spaces};
+use shield_api::{Error, Learner, Result, Spaces};
 
-use super::{Shield, explanation::Explanation, jury::Jury, projection::Projector, solver::Solver};
+use super::{
+    explanation::Explanation, jury::Jury, ladder::Ladder, projection::Projector, rules::RuleTree,
+    solver::Solver,
+};
 use crate::experiment::ProjectionConfig;
 
-/// Settings of a [`Shield`] beside its rules.
+/// Settings of a [`Ladder`] beside its rules.
 #[derive(Debug, Clone)]
-pub struct ShieldSettings {
+pub struct LadderSettings {
     /// The spaces of the environment.
     pub spaces: Spaces,
     /// Steps at the beginning during which nothing is aborted.
@@ -18,20 +21,20 @@ pub struct ShieldSettings {
     pub fallback_action: Vec<f32>,
 }
 
-impl Shield {
-    /// A shield over `rules`, for a reset agent like `reset_agent`: without projection, without deadline.
+impl Ladder {
+    /// A ladder over `rules`, for a reset agent like `reset_agent`: without projection, without deadline.
     ///
     /// # Errors
-    /// The fallback action lies outside the action space.
+    /// The fallback action lies outside the action space; a group of rules is empty, or a priority is none.
     pub fn new(
-        rules: Vec<Box<dyn AbortRule>>,
+        rules: impl Into<RuleTree>,
         reset_agent: &dyn Learner,
-        settings: ShieldSettings,
+        settings: LadderSettings,
     ) -> Result<Self> {
         settings.spaces.action.check_action(&settings.fallback_action)?;
         let width = settings.spaces.action_len();
         Ok(Self {
-            jury: Jury::new(rules, reset_agent, width),
+            jury: Jury::new(rules.into(), reset_agent, width)?,
             members: reset_agent.info().members,
             projector: None,
             deadline: None,
@@ -46,23 +49,21 @@ impl Shield {
     /// # Errors
     /// It does not fit the action space or the rules.
     pub fn with_projection(mut self, config: ProjectionConfig) -> Result<Self> {
-        if self.needs().forward_values {
-            return Err(Error::invalid_config(
-                "a rule needs the forward agent's values, which the shield cannot compute for another action",
-            ));
-        }
         let members = if self.needs().values { self.members } else { 0 };
-        self.projector = Some(Projector::new(config, &self.settings.spaces.action, members)?);
+        self.projector = Some(Projector::new(config, &self.settings.spaces.action, members, &self.jury)?);
         Ok(self)
     }
 
-    /// With another solver for its quadratic programs; of no effect before [`with_projection`](Self::with_projection).
-    #[must_use]
-    pub fn with_solver(mut self, solver: Box<dyn Solver>) -> Self {
-        if let Some(Projector::Qp(qp)) = &mut self.projector {
-            qp.set_solver(solver);
-        }
-        self
+    /// With another solver for its quadratic programs.
+    ///
+    /// # Errors
+    /// There are no such programs: it takes [`with_projection`](Self::with_projection) with a `Qp` before.
+    pub fn with_solver(mut self, solver: Box<dyn Solver>) -> Result<Self> {
+        let Some(Projector::Qp(qp)) = &mut self.projector else {
+            return Err(Error::invalid_config("a solver has nothing to do without a `Qp` projection"));
+        };
+        qp.set_solver(solver);
+        Ok(self)
     }
 
     /// With a time after which a decision is an abort, measured from the call of [`filter`](Self::filter).

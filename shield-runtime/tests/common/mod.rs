@@ -16,7 +16,7 @@ use shield_runtime::{
     experiment::{BetweenAttempts, Endings, Mode, OnAbort, ProjectionConfig, ResetTest, Updates},
     joint_loop::{JointLoop, LoopRandomness, LoopSettings, Participants},
     observer::{Counters, EpisodeRecord, EvaluationRecord, Intervention, Observer},
-    shield::{Shield, ShieldSettings},
+    shield::{Ladder, LadderSettings},
     world::World,
 };
 
@@ -201,9 +201,9 @@ impl AbortRule for Rule {
     }
 }
 
-pub fn shield(rules: Vec<Box<dyn AbortRule>>, reset_agent: &dyn Learner, warm_up_steps: u64) -> Shield {
-    let settings = ShieldSettings { spaces: spaces(), warm_up_steps, fallback_action: vec![-0.25] };
-    Shield::new(rules, reset_agent, settings).unwrap()
+pub fn shield(rules: Vec<Box<dyn AbortRule>>, reset_agent: &dyn Learner, warm_up_steps: u64) -> Ladder {
+    let settings = LadderSettings { spaces: spaces(), warm_up_steps, fallback_action: vec![-0.25] };
+    Ladder::new(rules, reset_agent, settings).unwrap()
 }
 
 /// Keeps everything that the loop reports.

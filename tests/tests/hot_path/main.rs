@@ -11,7 +11,7 @@ use shield_api::{AbortRule, ActMode, Environment, Learner, Setup};
 use shield_runtime::{
     experience::{AgentShare, Experience, Transition},
     plugin::{Registry, SearchPath, Selection, host},
-    shield::{Moment, Shield, ShieldSettings},
+    shield::{Agents, Ladder, LadderSettings, Moment},
     world::World,
 };
 use shield_tests::plugins_folder;
@@ -32,8 +32,8 @@ fn allocations_per_run(environment: &str, q_min: &str) -> (u64, usize) {
     let rule = registry.abort_rule(&Selection::new("ensemble-threshold"), &config, &setup).unwrap();
     let rules: Vec<Box<dyn AbortRule>> = vec![Box::new(rule)];
     let fallback_action = vec![0.0; spaces.action_len()];
-    let settings = ShieldSettings { spaces: spaces.clone(), warm_up_steps: 10, fallback_action };
-    let mut shield = Shield::new(rules, &reset, settings).unwrap();
+    let settings = LadderSettings { spaces: spaces.clone(), warm_up_steps: 10, fallback_action };
+    let mut shield = Ladder::new(rules, &reset, settings).unwrap();
     let mut world = World::new(Box::new(environment), None).unwrap();
     world.hard_reset(None, 0).unwrap();
     let mut experience = Experience::new(STEPS / 2, &spaces, [20, 20], 0.5).unwrap();
@@ -44,13 +44,13 @@ fn allocations_per_run(environment: &str, q_min: &str) -> (u64, usize) {
     let mut steps = |from: usize, count: usize| {
         for step in from..from + count {
             forward.act(world.observation(), ActMode::Explore, &mut action).unwrap();
-            let moment = Moment {
-                step: step as u64,
-                observation: world.observation(),
-                previous: None,
-                forward_values: &[],
-            };
-            aborts += usize::from(shield.filter(&mut reset, &moment, &mut action).abort().is_some());
+            let moment = Moment { step: step as u64, observation: world.observation(), previous: None };
+            aborts += usize::from(
+                shield
+                    .filter(Agents { reset: &mut reset, forward: None }, &moment, &mut action)
+                    .abort()
+                    .is_some(),
+            );
             let outcome = world.step(&action).unwrap();
             let transition = Transition {
                 observation: world.observation(),

@@ -1,0 +1,158 @@
+//! The shield in a program of one's own, and around an environment.
+#![allow(clippy::unwrap_used, reason = "a test")]
+
+mod common;
+
+use common::{EPISODE, Line, PIT, Rule, Scripted, spaces};
+use shield_api::{AbortRule, Environment, Phase, RuleVerdict};
+use shield_runtime::{
+    decision::{Cause, Decision},
+    experience::Experience,
+    shield::{Shield, ShieldBuilder},
+    shielded::{Learning, Shielded},
+};
+
+/// Rejects what leads into the pit.
+fn no_pit() -> Box<dyn AbortRule> {
+    Rule::judging(|context| {
+        let falls = context.observation[0] >= (PIT - 1) as f32 && context.proposed[0] > 0.0;
+        Ok(RuleVerdict::from_safe(!falls, context.observation[0]))
+    })
+}
+
+/// Walks left.
+fn homing() -> Scripted {
+    Scripted::acting(|_, _| -1.0)
+}
+
+fn builder(agent: Scripted) -> ShieldBuilder {
+    Shield::builder(spaces(), Box::new(agent)).rule(no_pit()).episode_length(EPISODE as u64)
+}
+
+#[test]
+fn a_program_that_obeys_the_buffer_falls_or_is_not_taken_back() {
+    let mut shield = builder(homing()).build().unwrap();
+    let (mut cell, mut seen) = (0.0_f32, Vec::new());
+    for _ in 0..14 {
+        let mut action = [1.0];
+        let decision = shield.filter(&[cell], &mut action);
+        seen.push(match decision {
+            Decision::Allow => 'f',
+            Decision::Abort(_) => 'a',
+            Decision::Resetting => 'r',
+            other => panic!("{other:?}"),
+        });
+        cell = (cell + action[0]).max(0.0);
+        shield.step_done(cell == 0.0);
+        assert!(cell < PIT as f32 && !shield.needs_hard_reset());
+    }
+    assert_eq!(seen.into_iter().collect::<String>(), "fffarrfffarrff");
+}
+
+#[test]
+fn nothing_tells_that_the_reset_agent_has_given_up_or_it_goes_on_all_the_same() {
+    // It walks the wrong way.
+    let lost = || Scripted::acting(|_, _| 0.5);
+    for (limit, episodes) in [(Some(1), 1), (Some(3), 3)] {
+        let mut shield = builder(lost()).reset_attempts(limit).build().unwrap();
+        for episode in 0..episodes {
+            assert!(!shield.needs_hard_reset(), "after {episode} episodes of {limit:?}");
+            shield.begin_reset();
+            for _ in 0..EPISODE {
+                assert_eq!(shield.phase(), Phase::Reset);
+                let mut action = [0.0];
+                assert_eq!(shield.filter(&[1.0], &mut action), Decision::Resetting);
+                assert_eq!(action, [0.5]);
+                shield.step_done(false);
+            }
+        }
+        assert!(shield.needs_hard_reset());
+        let mut action = [0.25];
+        let abort = shield.filter(&[0.0], &mut action).abort().unwrap();
+        assert_eq!((abort.cause, action), (Cause::AwaitsHardReset, [0.0]));
+        shield.hard_reset_done();
+        assert!(!shield.needs_hard_reset());
+        assert_eq!(shield.filter(&[0.0], &mut [0.25]), Decision::Allow);
+    }
+    let mut patient = builder(lost()).reset_attempts(None).build().unwrap();
+    for _ in 0..5 * EPISODE {
+        patient.begin_reset();
+        patient.step_done(false);
+        assert!(!patient.needs_hard_reset());
+    }
+}
+
+#[test]
+fn a_reset_agent_without_an_action_moves_the_robot() {
+    for bad in [f32::NAN, f32::NEG_INFINITY, 1.5] {
+        let mut shield =
+            builder(Scripted::acting(move |_, _| bad)).fallback_action(vec![-0.25]).build().unwrap();
+        shield.begin_reset();
+        let mut action = [0.9];
+        let abort = shield.filter(&[0.0], &mut action).abort().unwrap();
+        assert_eq!((abort.cause, action), (Cause::ResetFailed, [-0.25]), "{bad}");
+    }
+    let mut shield = builder(homing()).build().unwrap();
+    shield.begin_reset();
+    assert!(shield.filter(&[f32::NAN], &mut [0.0]).abort().is_some());
+}
+
+#[test]
+fn a_shield_that_cannot_be_is_built() {
+    assert!(Shield::builder(spaces(), Box::new(homing())).build().is_err(), "without a rule");
+    assert!(builder(homing()).reset_attempts(Some(0)).build().is_err());
+    assert!(builder(homing()).episode_length(0).build().is_err());
+    assert!(builder(homing()).fallback_action(vec![2.0]).build().is_err());
+}
+
+#[test]
+fn an_agent_in_a_shielded_environment_falls_or_costs_a_hard_reset() {
+    let line = Line::new();
+    let (log, resets) = (line.log.clone(), line.resets.clone());
+    let agent = homing();
+    let seen = agent.seen.clone();
+    let shield = builder(agent).learning(1, 7).build().unwrap();
+    let experience = Experience::new(10, &spaces(), [0, 1], 1.0).unwrap();
+    let learning = Learning { experience, updates_per_step: 2 };
+    let mut line = Shielded::new(line, None, shield).unwrap().learning(learning, 3);
+    let mut observation = [f32::NAN];
+    let mut terminations = 0;
+    line.reset(0, &mut observation).unwrap();
+    for _ in 0..40 {
+        let before = observation;
+        let outcome = line.step(&[1.0], &mut observation).unwrap();
+        assert!(!outcome.irreversible);
+        if outcome.terminated {
+            terminations += 1;
+            assert!(matches!(line.last_decision(), Some(Decision::Abort(_))));
+            assert_eq!((observation, outcome.forward_reward), (before, 0.0), "it was executed");
+            line.reset(terminations, &mut observation).unwrap();
+            assert_eq!(observation, [0.0]);
+        }
+    }
+    assert_eq!((terminations, line.hard_resets(), resets.lock().unwrap().len()), (10, 0, 1));
+    let log = log.lock().unwrap();
+    assert_eq!(seen.lock().unwrap().len(), 2 * log.len(), "it learns from every step");
+    assert!(log.iter().all(|(cell, action)| *cell < PIT - 1 || *action < 0.0));
+}
+
+#[test]
+fn a_shielded_environment_is_not_reset_when_the_reset_agent_has_given_up() {
+    let line = Line::new();
+    let resets = line.resets.clone();
+    let shield = builder(Scripted::acting(|_, _| 1.0)).build().unwrap();
+    let mut line = Shielded::new(line, None, shield).unwrap();
+    let mut observation = [f32::NAN];
+    line.reset(0, &mut observation).unwrap();
+    line.step(&[1.0], &mut observation).unwrap();
+    line.reset(1, &mut observation).unwrap();
+    assert_eq!((line.hard_resets(), resets.lock().unwrap().len(), observation), (1, 2, [0.0]));
+    // An environment that cannot go on is reset at once.
+    let mut ending = Line::new();
+    ending.terminates_at = Some(1);
+    let mut ending = Shielded::new(ending, None, builder(homing()).build().unwrap()).unwrap();
+    ending.reset(0, &mut observation).unwrap();
+    assert!(ending.step(&[1.0], &mut observation).unwrap().terminated);
+    ending.reset(1, &mut observation).unwrap();
+    assert_eq!((ending.hard_resets(), observation), (1, [0.0]));
+}
