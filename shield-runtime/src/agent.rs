@@ -1,12 +1,22 @@
 //! The two agents as the loop sees them.
 
 use rand_pcg::Pcg64;
+use serde::{Deserialize, Serialize};
 use shield_api::{ActMode, Learner, LearnerInfo, Policy, Result, Spaces};
 
 use crate::{
+    checkpoint::PluginState,
     experience::{AgentRole, BatchBuffers, Experience},
     plugin,
 };
+
+/// The state of an agent or a policy.
+#[derive(Serialize, Deserialize)]
+pub(crate) struct AgentState {
+    pub plugin: PluginState,
+    /// `None` for a policy.
+    sampler: Option<Pcg64>,
+}
 
 /// A learner with what it needs to learn from the experience.
 pub struct Agent {
@@ -40,6 +50,19 @@ impl Agent {
     /// The learner itself.
     pub fn learner(&mut self) -> &mut dyn Learner {
         &mut *self.learner
+    }
+
+    pub(crate) fn save(&self) -> Result<AgentState> {
+        let plugin = PluginState::of(&*self.learner)?;
+        Ok(AgentState { plugin, sampler: Some(self.sampler.clone()) })
+    }
+
+    pub(crate) fn restore(&mut self, state: &AgentState) -> Result<()> {
+        state.plugin.restore(&mut *self.learner)?;
+        if let Some(sampler) = &state.sampler {
+            self.sampler = sampler.clone();
+        }
+        Ok(())
     }
 
     /// Updates from the experience, once it holds a batch for this agent.
@@ -93,6 +116,20 @@ impl ForwardAgent {
         match self {
             Self::Learner(agent) => agent.info.members,
             Self::Policy(_) => 0,
+        }
+    }
+
+    pub(crate) fn save(&self) -> Result<AgentState> {
+        match self {
+            Self::Learner(agent) => agent.save(),
+            Self::Policy(policy) => Ok(AgentState { plugin: PluginState::of(&**policy)?, sampler: None }),
+        }
+    }
+
+    pub(crate) fn restore(&mut self, state: &AgentState) -> Result<()> {
+        match self {
+            Self::Learner(agent) => agent.restore(state),
+            Self::Policy(policy) => state.plugin.restore(&mut **policy),
         }
     }
 

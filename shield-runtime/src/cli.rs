@@ -3,7 +3,9 @@
 mod env;
 mod plugin;
 mod progress;
+mod resume;
 mod run;
+mod session;
 mod table;
 
 use std::{fmt, process::ExitCode};
@@ -30,6 +32,7 @@ Examples:
   shield run examples/quickstart.ron                       run every variant with every seed
   shield run examples/gridworld.ron --seeds 0 --variants q_min-0.4
   shield run my.ron --set shield.rules[0].config.q_min=5 --out elsewhere
+  shield resume runs/quickstart                            go on with what was stopped or killed
   shield plugin list                                       what can be named in an experiment
   shield env bench mujoco/cliff-cheetah                    how fast an environment steps
   shield plugin info ddpg                                  its configuration, to copy from
@@ -39,8 +42,10 @@ Exit codes: 0 done, 1 a run failed, 2 the input is wrong, 130 stopped by Ctrl-C.
 
 #[derive(Subcommand)]
 enum Command {
-    /// Runs an experiment: every variant with every seed.
+    /// Runs an experiment: every variant with every seed. What is finished is kept, what was stopped goes on.
     Run(run::RunArguments),
+    /// Goes on with the runs of a folder that were stopped or killed, as if they had never been.
+    Resume(resume::ResumeArguments),
     /// Finds, shows, makes and pins plugins.
     #[command(subcommand)]
     Plugin(plugin::PluginCommand),
@@ -89,6 +94,7 @@ pub fn main() -> ExitCode {
     let registry = Registry::scan(&SearchPath::from_environment());
     let done = match &arguments.command {
         Command::Run(arguments) => run::run(arguments, &registry),
+        Command::Resume(arguments) => resume::run(arguments, &registry),
         Command::Plugin(command) => plugin::run(command, &registry),
         Command::Env(command) => env::run(command, &registry),
     };

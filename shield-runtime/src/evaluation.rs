@@ -2,15 +2,24 @@
 
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
+use serde::{Deserialize, Serialize};
 use shield_api::{ActMode, Learner, Result};
 
 use crate::{
     agent::ForwardAgent,
+    checkpoint::{PluginState, restore_rules, save_rules},
     experiment::EvaluatedAgent,
     observer::{EvaluationRecord, Tally},
     shield::{Agents, Ladder, Moment},
     world::World,
 };
+
+/// What an evaluator carries from one evaluation to the next: each begins with a hard reset, which leaves these as they are.
+#[derive(Serialize, Deserialize)]
+pub(crate) struct EvaluatorState {
+    pub reset_task: Option<PluginState>,
+    pub rules: Vec<PluginState>,
+}
 
 /// Runs greedy episodes. Every evaluation of a run starts from the same seeds, so that two differ by the agent alone.
 pub struct Evaluator {
@@ -36,6 +45,18 @@ impl Evaluator {
     ) -> Self {
         let action = vec![0.0; world.spec().spaces.action_len()];
         Self { world, shield, agent, start, episodes, seed, previous: action.clone(), action }
+    }
+
+    pub(crate) fn save(&mut self) -> Result<EvaluatorState> {
+        Ok(EvaluatorState {
+            reset_task: self.world.save_reset_task()?,
+            rules: save_rules(self.shield.as_mut())?,
+        })
+    }
+
+    pub(crate) fn restore(&mut self, state: &EvaluatorState) -> Result<()> {
+        self.world.restore_reset_task(state.reset_task.as_ref())?;
+        restore_rules(self.shield.as_mut(), &state.rules)
     }
 
     /// One evaluation after `step` training steps.

@@ -4,11 +4,14 @@
 //! either agent can learn from what the other did (§4). The memory is a ring of fixed size: nothing is allocated after
 //! the start.
 
+use std::ops::Range;
+
 use rand::{Rng, RngExt};
+use serde::{Deserialize, Serialize};
 use shield_api::{Batch, Error, Result, Spaces};
 
 /// One of the two agents.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub enum AgentRole {
     /// Does the task.
     Forward,
@@ -105,8 +108,8 @@ pub struct Experience {
     observation_len: usize,
     action_len: usize,
     bootstrap_probability: f64,
-    /// Where the next transition goes once the ring is full.
-    next: usize,
+    /// Transitions ever stored; the next one goes to the slot of that number, modulo the capacity.
+    pushed: u64,
     observations: Vec<f32>,
     actions: Vec<f32>,
     next_observations: Vec<f32>,
@@ -135,7 +138,7 @@ impl Experience {
             observation_len,
             action_len,
             bootstrap_probability,
-            next: 0,
+            pushed: 0,
             observations: rows(capacity, observation_len)?,
             actions: rows(capacity, action_len)?,
             next_observations: rows(capacity, observation_len)?,
@@ -159,9 +162,95 @@ impl Experience {
         self.len() == 0
     }
 
+    /// The numbers of the transitions that are kept, counted since the start of the run.
+    pub fn kept(&self) -> Range<u64> {
+        self.pushed - self.len() as u64..self.pushed
+    }
+
+    /// Bytes of one transition as [`write_rows`](Self::write_rows) writes it.
+    pub fn row_bytes(&self) -> usize {
+        let floats = 2 * self.observation_len + self.action_len + 2 * self.shares.len();
+        let words: usize = self.shares.iter().map(|share| share.words).sum();
+        floats * size_of::<f32>() + words * size_of::<u64>()
+    }
+
+    /// Appends kept transitions to `bytes`, [`row_bytes`](Self::row_bytes) each, little-endian.
+    pub(crate) fn write_rows(&self, numbers: Range<u64>, bytes: &mut Vec<u8>) {
+        for slot in numbers.map(|number| self.slot(number)) {
+            for (rows, length) in self.columns() {
+                bytes.extend(rows[slot * length..(slot + 1) * length].iter().flat_map(|x| x.to_le_bytes()));
+            }
+            for share in &self.shares {
+                let mask = &share.masks[slot * share.words..(slot + 1) * share.words];
+                bytes.extend(mask.iter().flat_map(|word| word.to_le_bytes()));
+            }
+        }
+    }
+
+    /// Becomes a memory that keeps the transitions `kept`; their contents follow through [`read_rows`](Self::read_rows).
+    pub(crate) fn expect_rows(&mut self, kept: Range<u64>) {
+        let length = (kept.end - kept.start) as usize;
+        let (observation_len, action_len) = (self.observation_len, self.action_len);
+        self.observations.resize(length * observation_len, 0.0);
+        self.actions.resize(length * action_len, 0.0);
+        self.next_observations.resize(length * observation_len, 0.0);
+        for share in &mut self.shares {
+            share.rewards.resize(length, 0.0);
+            share.continuations.resize(length, 0.0);
+            share.masks.resize(length * share.words, 0);
+            share.count = 0;
+        }
+        self.pushed = kept.end;
+    }
+
+    /// Puts transitions that [`write_rows`](Self::write_rows) wrote back into their slots, the first of them number `first`.
+    pub(crate) fn read_rows(&mut self, first: u64, bytes: &[u8]) {
+        for (number, mut row) in (first..).zip(bytes.chunks_exact(self.row_bytes())) {
+            let slot = self.slot(number);
+            for (rows, length) in self.columns_mut() {
+                for value in &mut rows[slot * length..(slot + 1) * length] {
+                    *value = f32::from_le_bytes(take(&mut row));
+                }
+            }
+            for share in &mut self.shares {
+                for word in &mut share.masks[slot * share.words..(slot + 1) * share.words] {
+                    *word = u64::from_le_bytes(take(&mut row));
+                }
+                share.count += usize::from(share.continuations[slot] != NO_SHARE);
+            }
+        }
+    }
+
+    /// Everything but the masks, with the length of a row.
+    fn columns(&self) -> [(&[f32], usize); 7] {
+        let [forward, reset] = &self.shares;
+        [
+            (&self.observations, self.observation_len),
+            (&self.actions, self.action_len),
+            (&self.next_observations, self.observation_len),
+            (&forward.rewards, 1),
+            (&forward.continuations, 1),
+            (&reset.rewards, 1),
+            (&reset.continuations, 1),
+        ]
+    }
+
+    fn columns_mut(&mut self) -> [(&mut [f32], usize); 7] {
+        let [forward, reset] = &mut self.shares;
+        [
+            (&mut self.observations, self.observation_len),
+            (&mut self.actions, self.action_len),
+            (&mut self.next_observations, self.observation_len),
+            (&mut forward.rewards, 1),
+            (&mut forward.continuations, 1),
+            (&mut reset.rewards, 1),
+            (&mut reset.continuations, 1),
+        ]
+    }
+
     /// Stores a transition, over the oldest one if the memory is full, and draws its bootstrap masks from `rng`.
     pub fn push(&mut self, transition: &Transition<'_>, rng: &mut impl Rng) {
-        let slot = if self.len() < self.capacity { self.len() } else { self.next };
+        let slot = self.slot(self.pushed);
         put(&mut self.observations, slot, transition.observation);
         put(&mut self.actions, slot, transition.action);
         put(&mut self.next_observations, slot, transition.next_observation);
@@ -176,7 +265,11 @@ impl Experience {
             }
             put(&mut share.masks, slot, mask);
         }
-        self.next = (slot + 1) % self.capacity;
+        self.pushed += 1;
+    }
+
+    fn slot(&self, number: u64) -> usize {
+        (number % self.capacity as u64) as usize
     }
 
     /// Lowers an agent's reward of the transition that was stored last, if it has a share in it.
@@ -184,7 +277,7 @@ impl Experience {
         if cost == 0.0 || self.is_empty() {
             return;
         }
-        let last = (self.next + self.capacity - 1) % self.capacity;
+        let last = self.slot(self.pushed - 1);
         let share = &mut self.shares[role.index()];
         if share.continuations[last] != NO_SHARE {
             share.rewards[last] -= cost;
@@ -242,6 +335,13 @@ fn put<T: Copy>(rows: &mut Vec<T>, slot: usize, row: &[T]) {
     } else {
         rows.extend_from_slice(row);
     }
+}
+
+/// The first bytes of what is left of a row.
+fn take<const N: usize>(row: &mut &[u8]) -> [u8; N] {
+    let (value, rest) = row.split_first_chunk().expect("a row has its length");
+    *row = rest;
+    *value
 }
 
 fn copy(target: &mut [f32], row: usize, source: &[f32], slot: usize, length: usize) {
@@ -351,6 +451,24 @@ mod tests {
         kept.sort_by(f32::total_cmp);
         kept.dedup();
         assert_eq!(kept, [4.0, 5.0, 6.0]);
+    }
+
+    #[test]
+    fn a_memory_that_is_written_and_read_back_samples_the_same() {
+        let mut rng = Pcg64::seed_from_u64(3);
+        for count in [0, 2, 3, 7] {
+            let mut experience = Experience::new(3, &spaces(), [70, 1], 0.5).unwrap();
+            (0..count).for_each(|value| push(&mut experience, value as f32, &mut rng));
+            let mut bytes = Vec::new();
+            let kept = experience.kept();
+            experience.write_rows(kept.clone(), &mut bytes);
+            let mut read = Experience::new(3, &spaces(), [70, 1], 0.5).unwrap();
+            read.expect_rows(kept.clone());
+            read.read_rows(kept.start, &bytes);
+            push(&mut experience, 99.0, &mut rng.clone());
+            push(&mut read, 99.0, &mut rng.clone());
+            assert_eq!(format!("{experience:?}"), format!("{read:?}"), "after {count}");
+        }
     }
 
     #[test]

@@ -1,6 +1,7 @@
 //! Experiments: RON files, their variants, and where in them a fault lies.
 
 mod config;
+mod difference;
 mod edit;
 mod error;
 mod overrides;
@@ -19,10 +20,11 @@ use ron::extensions::Extensions;
 use serde::de::IgnoredAny;
 
 pub use config::{
-    BetweenAttempts, Endings, EvaluatedAgent, EvaluationConfig, ExperienceConfig, Experiment, Forward, Mode,
-    OnAbort, OnResetFailure, OnResetSuccess, PluginChoice, ProjectionConfig, QpConfig, ResetAttempts,
-    ResetTest, RuleConfig, ShieldConfig, Unlimited, Updates,
+    BetweenAttempts, CheckpointConfig, Endings, EvaluatedAgent, EvaluationConfig, ExperienceConfig,
+    Experiment, Forward, Mode, OnAbort, OnResetFailure, OnResetSuccess, PluginChoice, ProjectionConfig,
+    QpConfig, ResetAttempts, ResetTest, RuleConfig, ShieldConfig, Unlimited, Updates,
 };
+pub use difference::{Difference, first_difference};
 pub use error::{InputError, Location};
 pub use overrides::Override;
 pub use variant::Variant;

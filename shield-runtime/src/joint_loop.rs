@@ -1,17 +1,17 @@
 //! The joint loop: forward and reset agent take turns (Algorithm 1 of the paper).
 
 mod parts;
+mod state;
 
 pub use parts::{LoopRandomness, LoopSettings, Participants};
+pub use state::LoopState;
 
-use std::{
-    sync::atomic::{AtomicBool, Ordering},
-    time::Instant,
-};
+use std::{sync::atomic::AtomicBool, time::Instant};
 
 use rand::Rng;
 use shield_api::{ActMode, Error, ErrorKind, StepOutcome};
 
+use self::state::Start;
 use crate::{
     agent::{Agent, ForwardAgent},
     decision::{Abort, Cause, Decision},
@@ -41,13 +41,19 @@ pub struct JointLoop<'a> {
     was_irreversible: bool,
     has_previous: bool,
     last_evaluation: Option<u64>,
+    start: Start,
+    /// Whose episode it is, or the next one.
+    turn: AgentRole,
+    is_interrupted: bool,
+    /// Steps before the last checkpoint; 0 before the first.
+    last_checkpoint: u64,
     proposed: Vec<f32>,
     action: Vec<f32>,
     previous: Vec<f32>,
 }
 
 impl<'a> JointLoop<'a> {
-    /// Prepares a run; `stop` ends it after the present step.
+    /// Prepares a run; `stop` ends it before the next step.
     pub fn new(
         settings: LoopSettings,
         participants: Participants,
@@ -76,6 +82,10 @@ impl<'a> JointLoop<'a> {
             was_irreversible: false,
             has_previous: false,
             last_evaluation: None,
+            start: Start::New,
+            turn: AgentRole::Forward,
+            is_interrupted: false,
+            last_checkpoint: 0,
         }
     }
 
@@ -89,57 +99,72 @@ impl<'a> JointLoop<'a> {
     /// # Errors
     /// A plugin or the observer failed. Nothing was executed that was not decided before.
     pub fn run(&mut self) -> anyhow::Result<bool> {
-        let mode = self.settings.mode.clone();
-        self.place()?;
+        match self.start {
+            Start::New => self.place()?,
+            Start::HardReset => self.lose_the_world()?,
+            Start::Within(..) => {}
+            Start::Finished => return Ok(false),
+        }
         while !self.is_over() {
-            match &mode {
-                Mode::Shielded => self.forward_then_reset()?,
-                Mode::StatusQuo => {
+            self.turn = match (&self.settings.mode, self.turn) {
+                (Mode::Shielded, AgentRole::Forward) => self.forward_turn()?,
+                (Mode::Shielded, AgentRole::Reset) => self.reset_turn()?,
+                (Mode::StatusQuo, _) => {
                     let episode = self.forward_episode()?;
                     self.close(episode, !episode.end.is_cut())?;
+                    AgentRole::Forward
                 }
-                Mode::ForwardOnly => {
+                (Mode::ForwardOnly, _) => {
                     let episode = self.forward_episode()?;
                     self.close(episode, episode.end == EpisodeEnd::Terminated)?;
+                    AgentRole::Forward
                 }
-                Mode::ResetOnly { .. } => {
+                (Mode::ResetOnly { .. }, _) => {
                     let episode = self.reset_episode()?;
                     self.close(episode, !episode.end.is_cut())?;
+                    AgentRole::Reset
                 }
-            }
+            };
+        }
+        if self.is_interrupted {
+            return Ok(true);
         }
         let has_evaluated = self.last_evaluation == Some(self.counters.steps);
-        if self.settings.evaluate_every.is_some() && !has_evaluated && !self.is_stopped() {
+        if self.settings.evaluate_every.is_some() && !has_evaluated {
             self.evaluate()?;
         }
-        Ok(self.is_stopped())
+        self.keep_finished()?;
+        Ok(false)
     }
 
-    /// One turn of Algorithm 1: a forward episode, then attempts to undo it.
-    fn forward_then_reset(&mut self) -> anyhow::Result<()> {
+    /// The first half of a turn of Algorithm 1: a forward episode. Returns whose turn is next.
+    fn forward_turn(&mut self) -> anyhow::Result<AgentRole> {
         let episode = self.forward_episode()?;
         let is_terminated = episode.end == EpisodeEnd::Terminated;
         self.close(episode, is_terminated)?;
-        while !is_terminated && !self.is_over() {
-            let attempt = self.reset_episode()?;
-            if attempt.end.is_cut() {
-                return self.close(attempt, false);
-            }
-            let has_given_up = self.attempts.record(attempt.has_reset);
-            let needs_hard_reset = attempt.end == EpisodeEnd::Terminated || has_given_up;
-            self.close(attempt, needs_hard_reset)?;
-            let tries_again = !attempt.has_reset && self.settings.between_attempts == BetweenAttempts::Reset;
-            if needs_hard_reset || !tries_again {
-                break;
-            }
+        Ok(if is_terminated { AgentRole::Forward } else { AgentRole::Reset })
+    }
+
+    /// The second half: an attempt to undo it. Returns whose turn is next.
+    fn reset_turn(&mut self) -> anyhow::Result<AgentRole> {
+        let attempt = self.reset_episode()?;
+        if attempt.end.is_cut() {
+            self.close(attempt, false)?;
+            return Ok(AgentRole::Reset);
         }
-        Ok(())
+        let has_given_up = self.attempts.record(attempt.has_reset);
+        let needs_hard_reset = attempt.end == EpisodeEnd::Terminated || has_given_up;
+        self.close(attempt, needs_hard_reset)?;
+        let tries_again = !attempt.has_reset && self.settings.between_attempts == BetweenAttempts::Reset;
+        Ok(if tries_again && !needs_hard_reset { AgentRole::Reset } else { AgentRole::Forward })
     }
 
     fn forward_episode(&mut self) -> anyhow::Result<EpisodeRecord> {
-        let mut tally = Tally::default();
-        self.counters.forward_episodes += 1;
-        for remaining in (0..self.world.spec().episode_length).rev() {
+        let mut tally = self.begin(AgentRole::Forward);
+        loop {
+            if self.pause(AgentRole::Forward, &tally)? {
+                return Ok(record(AgentRole::Forward, &tally, EpisodeEnd::Interrupted, false));
+            }
             if let Some(abort) = self.propose()? {
                 self.counters.early_aborts += 1;
                 self.counters.failed_closed += u64::from(abort.cause.is_failure());
@@ -151,17 +176,18 @@ impl<'a> JointLoop<'a> {
             self.counters.forward_steps += 1;
             self.remember(&outcome, true);
             self.learn(AgentRole::Forward)?;
-            if let Some(end) = self.step_is_over(&outcome, remaining == 0)? {
+            if let Some(end) = self.step_is_over(&outcome, &tally)? {
                 return Ok(record(AgentRole::Forward, &tally, end, false));
             }
         }
-        unreachable!("the last step of an episode ends it")
     }
 
     fn reset_episode(&mut self) -> anyhow::Result<EpisodeRecord> {
-        let mut tally = Tally::default();
-        self.counters.reset_episodes += 1;
-        for remaining in (0..self.world.spec().episode_length).rev() {
+        let mut tally = self.begin(AgentRole::Reset);
+        loop {
+            if self.pause(AgentRole::Reset, &tally)? {
+                return Ok(record(AgentRole::Reset, &tally, EpisodeEnd::Interrupted, false));
+            }
             self.act_to_reset()?;
             let outcome = self.world.step(&self.action)?;
             tally += &outcome;
@@ -169,11 +195,11 @@ impl<'a> JointLoop<'a> {
                 ResetTest::AnyVisited => tally.visited_reset_set,
                 ResetTest::FinalState => tally.is_in_reset_set,
             };
-            let has_failed = remaining == 0 && !has_reset;
+            let has_failed = self.is_last(&tally) && !has_reset;
             let continues = !has_failed || self.settings.endings.on_failure == OnResetFailure::Bootstrap;
             self.remember(&outcome, continues);
             self.learn(AgentRole::Reset)?;
-            let over = self.step_is_over(&outcome, remaining == 0)?;
+            let over = self.step_is_over(&outcome, &tally)?;
             let stops = self.settings.stop_on_reset && outcome.in_reset_set && !outcome.terminated;
             if stops {
                 return Ok(record(AgentRole::Reset, &tally, EpisodeEnd::ResetSet, has_reset));
@@ -182,7 +208,22 @@ impl<'a> JointLoop<'a> {
                 return Ok(record(AgentRole::Reset, &tally, end, has_reset));
             }
         }
-        unreachable!("the last step of an episode ends it")
+    }
+
+    /// Begins an episode, or goes on with the one that was under way when the run was stopped.
+    fn begin(&mut self, role: AgentRole) -> Tally {
+        if let Start::Within(tally) = std::mem::replace(&mut self.start, Start::New) {
+            return tally;
+        }
+        match role {
+            AgentRole::Forward => self.counters.forward_episodes += 1,
+            AgentRole::Reset => self.counters.reset_episodes += 1,
+        }
+        Tally::default()
+    }
+
+    fn is_last(&self, tally: &Tally) -> bool {
+        tally.length >= self.world.spec().episode_length as u64
     }
 
     /// Lets the forward agent propose and the shield decide; afterwards `action` may be executed, unless there was an abort.
@@ -316,21 +357,17 @@ impl<'a> JointLoop<'a> {
     }
 
     /// What follows every step: evaluation, and whether the episode ends for a reason that both phases share.
-    fn step_is_over(&mut self, outcome: &StepOutcome, is_last: bool) -> anyhow::Result<Option<EpisodeEnd>> {
+    fn step_is_over(&mut self, outcome: &StepOutcome, tally: &Tally) -> anyhow::Result<Option<EpisodeEnd>> {
         if self.settings.evaluate_every.is_some_and(|every| self.counters.steps.is_multiple_of(every)) {
             self.evaluate()?;
         }
         self.observer.on_step(&self.counters)?;
         Ok(if outcome.terminated {
             Some(EpisodeEnd::Terminated)
-        } else if is_last {
+        } else if self.is_last(tally) {
             Some(EpisodeEnd::TimeLimit)
-        } else if !self.is_over() {
-            None
-        } else if self.is_stopped() {
-            Some(EpisodeEnd::Interrupted)
         } else {
-            Some(EpisodeEnd::Budget)
+            self.is_over().then_some(EpisodeEnd::Budget)
         })
     }
 
@@ -378,11 +415,7 @@ impl<'a> JointLoop<'a> {
     }
 
     fn is_over(&self) -> bool {
-        self.counters.steps >= self.settings.steps || self.is_stopped()
-    }
-
-    fn is_stopped(&self) -> bool {
-        self.stop.load(Ordering::Relaxed)
+        self.counters.steps >= self.settings.steps || self.is_interrupted
     }
 }
 

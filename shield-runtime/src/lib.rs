@@ -1,6 +1,7 @@
 //! The host of the shield: loads plugins, decides, runs the joint loop of both agents, keeps their experience and writes results.
 
 pub mod agent;
+pub mod checkpoint;
 pub mod decision;
 pub mod evaluation;
 pub mod experience;

@@ -2,11 +2,12 @@
 
 use std::{ops::AddAssign, time::Duration};
 
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 
 use crate::{
     decision::{Abort, Projection},
-    experience::AgentRole,
+    experience::{AgentRole, Experience},
+    joint_loop::LoopState,
 };
 
 /// Why an episode ended.
@@ -84,7 +85,7 @@ pub struct Intervention<'a> {
 }
 
 /// One evaluation.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct EvaluationRecord {
     /// Training steps before it.
     pub step: u64,
@@ -99,7 +100,7 @@ pub struct EvaluationRecord {
 }
 
 /// Everything that a run counts.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct Counters {
     /// Environment steps of both phases.
     pub steps: u64,
@@ -125,6 +126,28 @@ pub struct Counters {
     pub hard_reset_cost: f64,
     /// Times that an irreversible state was entered.
     pub irreversible_entries: u64,
+}
+
+/// Why the state of a run is to be kept.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Occasion {
+    /// So many steps were made: at the same steps in every run of an experiment.
+    Periodic,
+    /// The user asked to stop; at any step.
+    Interrupted,
+    /// All steps were made, and the last evaluation.
+    Finished,
+}
+
+/// The state of a run, for whoever keeps it.
+#[derive(Clone, Copy)]
+pub struct Snapshot<'a> {
+    /// Why now.
+    pub occasion: Occasion,
+    /// Everything but the experience.
+    pub state: &'a LoopState,
+    /// What both agents learn from.
+    pub experience: &'a Experience,
 }
 
 /// Takes what the loop reports. Errors end the run: a result that cannot be written is not worth computing.
@@ -178,6 +201,15 @@ pub trait Observer {
         let _ = evaluation;
         Ok(())
     }
+
+    /// Between two steps, where the run's state is to be kept. Everything reported before belongs to it, nothing that follows.
+    ///
+    /// # Errors
+    /// The observer cannot go on.
+    fn on_checkpoint(&mut self, snapshot: &Snapshot<'_>) -> anyhow::Result<()> {
+        let _ = snapshot;
+        Ok(())
+    }
 }
 
 /// Two observers that both take every report.
@@ -214,10 +246,15 @@ impl<A: Observer, B: Observer> Observer for Fanout<A, B> {
         self.0.on_evaluation(evaluation)?;
         self.1.on_evaluation(evaluation)
     }
+
+    fn on_checkpoint(&mut self, snapshot: &Snapshot<'_>) -> anyhow::Result<()> {
+        self.0.on_checkpoint(snapshot)?;
+        self.1.on_checkpoint(snapshot)
+    }
 }
 
 /// Adds up the steps of an episode.
-#[derive(Debug, Clone, Copy, Default)]
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
 pub(crate) struct Tally {
     pub length: u64,
     pub forward_return: f64,

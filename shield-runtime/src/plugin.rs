@@ -20,6 +20,7 @@ pub use ffi::{
     LoadedAbortRule, LoadedEnvironment, LoadedLearner, LoadedPolicy, LoadedResetTask, clear_metrics,
     drain_metrics, host, in_metric_scope,
 };
+pub(crate) use ffi::{Metric, restore_metrics, save_metrics};
 pub use library::Library;
 pub use manifest::read_manifests;
 pub use registry::{Entry, Identity, Registry, Selection, Skipped};

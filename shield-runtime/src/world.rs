@@ -1,8 +1,20 @@
 //! The environment as the loop sees it: with the reset task applied, and every number checked.
 
+use serde::{Deserialize, Serialize};
 use shield_api::{
     Environment, EnvironmentSpec, Error, ResetKind, ResetTask, Result, StepOutcome, check_finite,
+    check_length,
 };
+
+use crate::checkpoint::PluginState;
+
+/// The state of a [`World`].
+#[derive(Serialize, Deserialize)]
+pub(crate) struct WorldState {
+    pub environment: PluginState,
+    pub reset_task: Option<PluginState>,
+    observation: Vec<f32>,
+}
 
 /// An environment, the reset task that may replace its own, and the state in which it is.
 pub struct World<E: ?Sized = dyn Environment> {
@@ -132,6 +144,36 @@ impl<E: Environment + ?Sized> World<E> {
         }
         check_finite("the rewards of a step", &[outcome.forward_reward, outcome.reset_reward], 2)?;
         Ok(outcome)
+    }
+
+    /// The state between two steps.
+    pub(crate) fn save(&self) -> Result<WorldState> {
+        Ok(WorldState {
+            environment: PluginState::of(&*self.environment)?,
+            reset_task: self.save_reset_task()?,
+            observation: self.observation.clone(),
+        })
+    }
+
+    /// Becomes the world that was saved.
+    pub(crate) fn restore(&mut self, state: &WorldState) -> Result<()> {
+        check_length("the saved observation", &state.observation, self.observation.len())?;
+        state.environment.restore(&mut *self.environment)?;
+        self.restore_reset_task(state.reset_task.as_ref())?;
+        self.observation.copy_from_slice(&state.observation);
+        Ok(())
+    }
+
+    /// What the reset task has learned of the starts; a hard reset leaves it as it is.
+    pub(crate) fn save_reset_task(&self) -> Result<Option<PluginState>> {
+        self.reset_task.as_ref().map(|task| PluginState::of(&**task)).transpose()
+    }
+
+    pub(crate) fn restore_reset_task(&mut self, state: Option<&PluginState>) -> Result<()> {
+        match (&mut self.reset_task, state) {
+            (Some(task), Some(state)) => state.restore(&mut **task),
+            _ => Ok(()),
+        }
     }
 
     /// Makes the observation after the last step the present one.

@@ -1,7 +1,8 @@
 //! Shared pieces of the tests: where the plugins and the command `shield` are, and small experiments.
 
 use std::{
-    env,
+    collections::BTreeMap,
+    env, fs,
     path::{Path, PathBuf},
     process::Command,
     sync::OnceLock,
@@ -41,6 +42,39 @@ pub fn shield() -> Command {
     let mut command = Command::new(program);
     command.env("SHIELD_PLUGIN_PATH", plugins_folder()).env("XDG_DATA_HOME", "/nonexistent");
     command
+}
+
+/// Every file of a run by its path in the folder, except what differs between two runs of a seed: wall-clock figures and checkpoints.
+pub fn run_files(run: &Path) -> BTreeMap<String, Vec<u8>> {
+    let mut files = BTreeMap::new();
+    collect(run, run, &mut files);
+    files
+}
+
+fn collect(root: &Path, folder: &Path, files: &mut BTreeMap<String, Vec<u8>>) {
+    for entry in fs::read_dir(folder).expect("the folder can be read") {
+        let path = entry.expect("the folder can be read").path();
+        let name = path.strip_prefix(root).expect("it lies inside").to_string_lossy().into_owned();
+        if path.is_dir() {
+            if name != "checkpoint" {
+                collect(root, &path, files);
+            }
+            continue;
+        }
+        let bytes = fs::read(&path).expect("a file can be read");
+        match name.as_str() {
+            "timings.csv" => {}
+            "summary.json" => {
+                let mut summary: serde_json::Map<String, serde_json::Value> =
+                    serde_json::from_slice(&bytes).expect("a summary is JSON");
+                for key in ["wall_seconds", "steps_per_second", "decision_us_p50", "decision_us_p99"] {
+                    assert!(summary.remove(key).is_some(), "{key} is missing");
+                }
+                files.insert(name, serde_json::to_vec(&summary).expect("JSON can be written"));
+            }
+            _ => drop(files.insert(name, bytes)),
+        }
+    }
 }
 
 /// A small experiment in the gridworld; `{}` in `extra` is not special.

@@ -170,10 +170,17 @@ fn an_earlier_run_is_overwritten_only_when_told_to() {
     let metrics = folder.path().join("runs/small/default/seed-0/metrics.csv");
     fs::write(&metrics, "precious").unwrap();
     let output = run_in(folder.path(), &gridworld(200, ""), &["--seeds", "1,0"]);
-    assert_eq!(output.status.code(), Some(2));
-    assert!(text(&output.stderr).contains("--overwrite"), "{}", text(&output.stderr));
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(text(&output.stderr).contains("1 run is finished already"), "{}", text(&output.stderr));
     assert_eq!(fs::read_to_string(&metrics).unwrap(), "precious");
-    assert!(!folder.path().join("runs/small/default/seed-1").exists());
+    assert!(folder.path().join("runs/small/default/seed-1/summary.json").exists());
+    let output =
+        run_in(folder.path(), &gridworld(200, ""), &["--seeds", "2,0", "--set", "experience.batch=8"]);
+    assert_eq!(output.status.code(), Some(2));
+    let message = text(&output.stderr);
+    assert!(message.contains("`experience.batch` is 16") && message.contains("--overwrite"), "{message}");
+    assert_eq!(fs::read_to_string(&metrics).unwrap(), "precious");
+    assert!(!folder.path().join("runs/small/default/seed-2").exists());
     let output = run_in(folder.path(), &gridworld(200, ""), &["--seeds", "0", "--overwrite"]);
     assert!(output.status.success(), "{}", text(&output.stderr));
     assert_ne!(fs::read_to_string(&metrics).unwrap(), "precious");

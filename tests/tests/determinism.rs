@@ -1,32 +1,9 @@
 //! The same seed gives the same run, byte for byte, whatever the number of threads and of runs at the same time.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
-use std::{collections::BTreeMap, fs, path::Path};
+use std::{collections::BTreeMap, fs};
 
-use shield_tests::{cart, gridworld, shield};
-
-/// Every file of a run, the wall-clock figures apart.
-fn files(run: &Path) -> BTreeMap<String, Vec<u8>> {
-    let mut files = BTreeMap::new();
-    for entry in fs::read_dir(run).unwrap() {
-        let path = entry.unwrap().path();
-        let name = path.file_name().unwrap().to_string_lossy().into_owned();
-        let bytes = fs::read(&path).unwrap();
-        match name.as_str() {
-            "timings.csv" => {}
-            "summary.json" => {
-                let mut summary: serde_json::Map<String, serde_json::Value> =
-                    serde_json::from_slice(&bytes).unwrap();
-                for key in ["wall_seconds", "steps_per_second", "decision_us_p50", "decision_us_p99"] {
-                    assert!(summary.remove(key).is_some(), "{key} is missing");
-                }
-                files.insert(name, serde_json::to_vec(&summary).unwrap());
-            }
-            _ => drop(files.insert(name, bytes)),
-        }
-    }
-    files
-}
+use shield_tests::{cart, gridworld, run_files, shield};
 
 fn run(experiment: &str, arguments: &[&str], seed: u64) -> BTreeMap<String, Vec<u8>> {
     let folder = tempfile::tempdir().unwrap();
@@ -35,7 +12,7 @@ fn run(experiment: &str, arguments: &[&str], seed: u64) -> BTreeMap<String, Vec<
     let output = shield().current_dir(folder.path()).args(["run", "x.ron"]).args(arguments).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let name = if experiment.contains("\"cart\"") { "cart" } else { "small" };
-    files(&folder.path().join(format!("runs/{name}/default/seed-{seed}")))
+    run_files(&folder.path().join(format!("runs/{name}/default/seed-{seed}")))
 }
 
 #[test]

@@ -20,8 +20,8 @@ pub struct Progress {
 }
 
 impl Progress {
-    /// A line among others.
-    pub fn new(display: &MultiProgress, name: String, steps: u64) -> Self {
+    /// A line among others, for a run of `steps` of which `steps_before` were made before.
+    pub fn new(display: &MultiProgress, name: String, steps: u64, steps_before: u64) -> Self {
         let style = ProgressStyle::with_template(
             "{prefix:24} {bar:16} {percent:>3}% {speed:>10} {wide_msg} {eta:>4} left",
         )
@@ -31,12 +31,15 @@ impl Progress {
             write!(out, "{:.0}/s", state.per_sec()).ok();
         });
         let bar = display.add(ProgressBar::new(steps).with_style(style).with_prefix(name));
+        bar.set_position(steps_before);
+        bar.reset_eta();
         bar.enable_steady_tick(Duration::from_millis(500));
         Self { bar, last_return: f64::NAN, has_evaluation: false }
     }
+}
 
-    /// Takes the line away.
-    pub fn finish(&self) {
+impl Drop for Progress {
+    fn drop(&mut self) {
         self.bar.finish_and_clear();
     }
 }

@@ -38,6 +38,9 @@ pub struct Experiment {
     /// Greedy episodes in a second instance of the environment, at fixed intervals.
     #[serde(default)]
     pub evaluation: Option<EvaluationConfig>,
+    /// Keeping the state of a run, so that it can be continued and its agents be used. `None`: nothing is kept.
+    #[serde(default = "usual_checkpoints")]
+    pub checkpoint: Option<CheckpointConfig>,
     /// What one hard reset costs, or a factor to the costs that the environment names; the summary's `hard_reset_cost` is the sum.
     #[serde(default = "one")]
     pub hard_reset_cost: f64,
@@ -85,12 +88,30 @@ impl Experiment {
     }
 }
 
+fn usual_checkpoints() -> Option<CheckpointConfig> {
+    Some(CheckpointConfig::default())
+}
+
 fn one() -> f64 {
     1.0
 }
 
 fn one_thread() -> usize {
     1
+}
+
+/// When the state of a run is kept. At Ctrl-C and at its end it always is.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CheckpointConfig {
+    /// Environment steps between two checkpoints: what a run loses at most when it is killed.
+    pub every: u64,
+}
+
+impl Default for CheckpointConfig {
+    fn default() -> Self {
+        Self { every: 10_000 }
+    }
 }
 
 /// Who acts, and when the world is reset.

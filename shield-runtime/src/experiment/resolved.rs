@@ -77,7 +77,7 @@ fn write_value(out: &mut String, node: &Node, text: &str, depth: usize) {
 }
 
 /// The value on one line, without comments.
-fn flat(node: &Node, text: &str) -> String {
+pub(super) fn flat(node: &Node, text: &str) -> String {
     if matches!(node.kind, Kind::Leaf) {
         return text[node.span.clone()].to_owned();
     }

@@ -279,7 +279,7 @@ fn faults_of_variants_name_the_variant_and_the_override() {
     );
     check_field(
         "variants: {\"a\": [(@\"stepz\", 5)]}",
-        "variant `a`, override `stepz`: unexpected field named `stepz` in `Experiment`, expected one of `name`, `steps`, `seeds`, `mode`, `environment`, `forward`, `reset`, `shield`, `reset_task`, `experience`, `evaluation`, `hard_reset_cost`, `threads`, `pins`, or `variants` instead; did you mean `steps`?",
+        "variant `a`, override `stepz`: unexpected field named `stepz` in `Experiment`, expected one of `name`, `steps`, `seeds`, `mode`, `environment`, `forward`, `reset`, `shield`, `reset_task`, `experience`, `evaluation`, `checkpoint`, `hard_reset_cost`, `threads`, `pins`, or `variants` instead; did you mean `steps`?",
     );
     check_field(
         "variants: {\"a\": [(\"shield\", (\n stop_on_reset: @5))]}",
@@ -525,6 +525,7 @@ Experiment(
         shielded: false,
         solved_at: 1.0,
     ),
+    checkpoint: (every: 10000),
     hard_reset_cost: 1.0,
     threads: 2,
 )

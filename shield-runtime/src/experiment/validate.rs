@@ -30,6 +30,8 @@ pub(super) fn validate(experiment: &Experiment) -> Checked {
         "hard_reset_cost",
         format!("the cost of a hard reset is {cost}; it must be finite and not negative"),
     )?;
+    let every = experiment.checkpoint.as_ref().map(|checkpoint| checkpoint.every);
+    ensure(every != Some(0), "checkpoint.every", "checkpoints need at least one step between them")?;
     plugins(experiment)?;
     mode(experiment)?;
     shield(experiment)?;

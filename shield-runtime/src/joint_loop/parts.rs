@@ -1,6 +1,7 @@
 //! What a run of the joint loop is made of.
 
 use rand_pcg::Pcg64;
+use serde::{Deserialize, Serialize};
 
 use crate::{
     agent::{Agent, ForwardAgent},
@@ -42,6 +43,8 @@ pub struct LoopSettings {
     pub endings: Endings,
     /// Steps between two evaluations.
     pub evaluate_every: Option<u64>,
+    /// Steps between two checkpoints; `None` keeps none.
+    pub checkpoint_every: Option<u64>,
 }
 
 /// Who takes part in a loop.
@@ -61,6 +64,7 @@ pub struct Participants {
 }
 
 /// The random numbers of the loop itself.
+#[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct LoopRandomness {
     /// Seeds of hard resets.
     pub resets: Pcg64,

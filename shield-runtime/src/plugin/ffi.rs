@@ -16,6 +16,7 @@ mod reset_task;
 
 pub use abort_rule::LoadedAbortRule;
 pub use environment::LoadedEnvironment;
+pub(crate) use host::{Metric, restore_metrics, save_metrics};
 pub use host::{clear_metrics, drain_metrics, host, in_metric_scope};
 pub use learner::LoadedLearner;
 pub use policy::LoadedPolicy;

@@ -307,6 +307,7 @@ fn loop_settings(experiment: &Experiment) -> LoopSettings {
         updates: experience.updates,
         updates_per_step: experience.updates_per_step,
         endings: experience.endings(),
+        checkpoint_every: experiment.checkpoint.as_ref().map(|checkpoint| checkpoint.every),
         evaluate_every: experiment.evaluation.as_ref().map(|evaluation| evaluation.every),
     }
 }

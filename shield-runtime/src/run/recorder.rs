@@ -2,99 +2,59 @@
 
 use std::{
     collections::BTreeMap,
-    fs::{self, File},
-    io::BufWriter,
-    path::{Path, PathBuf},
+    path::Path,
     time::{Duration, Instant},
 };
 
-use anyhow::{Context, Result, bail};
-use csv::Writer;
+use anyhow::{Context, Result};
 use hdrhistogram::Histogram;
+use serde::{Deserialize, Serialize};
 use shield_api::ResetKind;
 
-use super::summary::{Evaluations, Identity, Summary};
-use crate::decision::ProjectionKind;
-use crate::observer::{Counters, EpisodeRecord, EvaluationRecord, Intervention, Observer};
+use super::{
+    folder::{RunFolder, write_whole},
+    summary::{Evaluations, Identity, Summary},
+    tables::{EvaluationRow, InterventionRow, LearningRow, MetricsRow, Table, TimingRow},
+};
+use crate::{
+    checkpoint::{CheckpointError, CheckpointStore},
+    decision::ProjectionKind,
+    observer::{Counters, EpisodeRecord, EvaluationRecord, Intervention, Observer, Snapshot},
+};
 
 /// How long finished rows may wait in memory.
 const FLUSH_EVERY: Duration = Duration::from_secs(1);
 
-/// The folder of one run, `<out>/<experiment>/<variant>/seed-<n>`.
-#[derive(Debug, Clone)]
-pub struct RunFolder {
-    path: PathBuf,
+/// What a recorder carries through a checkpoint.
+#[derive(Debug, Clone, Default, Serialize, Deserialize)]
+pub struct RecorderState {
+    /// Length of each file in bytes.
+    lengths: BTreeMap<String, u64>,
+    episodes: u64,
+    results: Evaluations,
+    causes: BTreeMap<String, u64>,
+    hard_resets: Vec<(String, u64)>,
+    /// Nanoseconds, and how many decisions took so long.
+    decision_times: Vec<(u64, u32)>,
+    seconds: f64,
 }
 
-impl RunFolder {
-    /// Where the run belongs; creates nothing.
-    pub fn new(out: &Path, identity: &Identity) -> Self {
-        let path =
-            out.join(&identity.experiment).join(&identity.variant).join(format!("seed-{}", identity.seed));
-        Self { path }
-    }
-
-    /// The folder.
-    pub fn path(&self) -> &Path {
-        &self.path
-    }
-
-    /// Whether something is already there.
-    pub fn exists(&self) -> bool {
-        self.path.exists()
-    }
-
-    /// Creates the folder with its `config.ron` and `plugins.json`. What stood there before is removed first if `overwrite` says so.
-    ///
-    /// # Errors
-    /// The folder exists and must not be overwritten, or cannot be written.
-    pub fn create(&self, config: &str, plugins: &str, overwrite: bool) -> Result<()> {
-        let path = &self.path;
-        if self.exists() {
-            if !overwrite {
-                bail!("{} exists already", path.display());
+impl RecorderState {
+    /// Whether the files reach as far as they did.
+    pub(crate) fn check(&self, run: &Path) -> Result<(), CheckpointError> {
+        for (name, length) in &self.lengths {
+            let path = run.join(name);
+            let found = path.metadata().map_err(|error| CheckpointError::Io { path: path.clone(), error })?;
+            if found.len() < *length {
+                return Err(CheckpointError::Torn { path, what: "it ends before the checkpoint" });
             }
-            fs::remove_dir_all(path).with_context(|| format!("{} cannot be removed", path.display()))?;
         }
-        // The folder itself must be new: another process may have made it meanwhile.
-        path.parent()
-            .map_or(Ok(()), fs::create_dir_all)
-            .and_then(|()| fs::create_dir(path))
-            .with_context(|| format!("{} cannot be created", path.display()))?;
-        let written = write_whole(&path.join("config.ron"), config.as_bytes())
-            .and_then(|()| write_whole(&path.join("plugins.json"), plugins.as_bytes()));
-        if written.is_err() {
-            self.discard();
-        }
-        written
-    }
-
-    /// Removes the folder of a run that could not start.
-    pub fn discard(&self) {
-        fs::remove_dir_all(&self.path).ok();
+        Ok(())
     }
 }
 
-/// Writes a file so that it is there whole or not at all.
-fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
-    let aside = path.with_extension("partial");
-    fs::write(&aside, bytes)
-        .and_then(|()| fs::rename(&aside, path))
-        .with_context(|| format!("{} cannot be written", path.display()))
-}
-
-type Table = Writer<BufWriter<File>>;
-
-fn table(folder: &RunFolder, name: &str, columns: &[&str]) -> Result<Table> {
-    let path = folder.path.join(name);
-    let file = File::create(&path).with_context(|| format!("{} cannot be created", path.display()))?;
-    let mut table = Writer::from_writer(BufWriter::new(file));
-    table.write_record(columns)?;
-    Ok(table)
-}
-
-/// Takes the loop's reports and writes them: `metrics.csv`, `interventions.csv`, `evaluations.csv`, `learning.csv`, `timings.csv`,
-/// and in the end `summary.json`.
+/// Takes the loop's reports and writes them: `metrics.csv`, `interventions.csv`, `evaluations.csv`, `learning.csv`, `timings.csv`, the
+/// checkpoints, and in the end `summary.json`.
 pub struct Recorder {
     folder: RunFolder,
     identity: Identity,
@@ -112,8 +72,13 @@ pub struct Recorder {
     /// How many of each of the environment's kinds of hard resets.
     hard_resets: Vec<(String, u64)>,
     decision_ns: Histogram<u32>,
+    /// Wall-clock time before the run was last continued.
+    seconds_before: f64,
     start: Instant,
     last_flush: Instant,
+    checkpoints: Option<CheckpointStore>,
+    /// Whether everything was in the last checkpoint.
+    is_saved_exactly: bool,
 }
 
 impl Recorder {
@@ -122,60 +87,47 @@ impl Recorder {
     /// # Errors
     /// A file cannot be created.
     pub fn new(folder: RunFolder, identity: Identity, rules: Vec<String>, solved_at: f64) -> Result<Self> {
-        let metrics = [
-            "step",
-            "episode",
-            "phase",
-            "length",
-            "forward_return",
-            "reset_return",
-            "success",
-            "end",
-            "has_reset",
-            "hard_reset",
-            "early_aborts",
-            "hard_resets",
-            "irreversible_entries",
-            "forward_steps",
-            "hard_reset_cost",
-        ];
-        let interventions = [
-            "step",
-            "phase",
-            "verdict",
-            "cause",
-            "rule",
-            "score",
-            "reason",
-            "proposed",
-            "executed",
-            "solver_status",
-            "iterations",
-            "distance",
-        ];
+        Self::resume(folder, identity, rules, solved_at, RecorderState::default())
+    }
+
+    /// Opens the tables of a run that goes on, where they were at its checkpoint.
+    ///
+    /// # Errors
+    /// A file cannot be written.
+    pub fn resume(
+        folder: RunFolder,
+        identity: Identity,
+        rules: Vec<String>,
+        solved_at: f64,
+        state: RecorderState,
+    ) -> Result<Self> {
+        let (path, lengths) = (folder.path(), &state.lengths);
+        // Up to a minute at three digits; longer decisions count as a minute.
+        let mut decision_ns = Histogram::new_with_bounds(1, 60_000_000_000, 3)?;
+        for (nanoseconds, count) in state.decision_times {
+            decision_ns.saturating_record_n(nanoseconds, count);
+        }
         Ok(Self {
-            metrics: table(&folder, "metrics.csv", &metrics)?,
-            interventions: table(&folder, "interventions.csv", &interventions)?,
-            evaluations: table(
-                &folder,
-                "evaluations.csv",
-                &["step", "mean_return", "success_rate", "irreversible_entries", "steps"],
-            )?,
-            learning: table(&folder, "learning.csv", &["step", "metric", "mean"])?,
-            timings: table(&folder, "timings.csv", &["step", "wall_seconds"])?,
+            metrics: Table::reopen::<MetricsRow>(path, lengths)?,
+            interventions: Table::reopen::<InterventionRow<'_>>(path, lengths)?,
+            evaluations: Table::reopen::<EvaluationRow>(path, lengths)?,
+            learning: Table::reopen::<LearningRow<'_>>(path, lengths)?,
+            timings: Table::reopen::<TimingRow>(path, lengths)?,
             folder,
             identity,
             rules,
-            episodes: 0,
-            results: Evaluations::default(),
+            episodes: state.episodes,
+            results: state.results,
             solved_at,
             deterministic: true,
-            causes: BTreeMap::new(),
-            hard_resets: Vec::new(),
-            // Up to a minute at three digits; longer decisions count as a minute.
-            decision_ns: Histogram::new_with_bounds(1, 60_000_000_000, 3)?,
+            causes: state.causes,
+            hard_resets: state.hard_resets,
+            decision_ns,
+            seconds_before: state.seconds,
             start: Instant::now(),
             last_flush: Instant::now(),
+            checkpoints: None,
+            is_saved_exactly: false,
         })
     }
 
@@ -186,25 +138,58 @@ impl Recorder {
         self
     }
 
-    /// Counts hard resets by the environment's kinds of them.
+    /// Counts hard resets by the environment's kinds of them, on from what was counted before.
     #[must_use]
     pub fn reset_kinds(mut self, kinds: &[ResetKind]) -> Self {
-        self.hard_resets = kinds.iter().map(|kind| (kind.name.clone(), 0)).collect();
+        self.hard_resets.resize(kinds.len(), (String::new(), 0));
+        for (count, kind) in self.hard_resets.iter_mut().zip(kinds) {
+            count.0.clone_from(&kind.name);
+        }
         self
     }
 
-    fn flush(&mut self) -> Result<()> {
-        for table in [
+    /// Writes checkpoints, too. `is_exact` says whether the one from which the run goes on had everything.
+    #[must_use]
+    pub fn with_checkpoints(mut self, store: CheckpointStore, is_exact: bool) -> Self {
+        self.checkpoints = Some(store);
+        self.is_saved_exactly = is_exact;
+        self
+    }
+
+    fn tables(&mut self) -> [&mut Table; 5] {
+        [
             &mut self.metrics,
             &mut self.interventions,
             &mut self.evaluations,
             &mut self.learning,
             &mut self.timings,
-        ] {
-            table.flush().with_context(|| format!("{} cannot be written", self.folder.path.display()))?;
-        }
+        ]
+    }
+
+    fn flush(&mut self) -> Result<()> {
+        self.tables().into_iter().try_for_each(Table::flush)?;
         self.last_flush = Instant::now();
         Ok(())
+    }
+
+    fn seconds(&self) -> f64 {
+        self.seconds_before + self.start.elapsed().as_secs_f64()
+    }
+
+    /// Makes everything written so far last, and says how far that is.
+    fn state(&mut self) -> Result<RecorderState> {
+        Ok(RecorderState {
+            lengths: self.tables().into_iter().map(Table::sync).collect::<Result<_>>()?,
+            episodes: self.episodes,
+            results: self.results,
+            causes: self.causes.clone(),
+            hard_resets: self.hard_resets.clone(),
+            decision_times: {
+                let recorded = self.decision_ns.iter_recorded();
+                recorded.map(|at| (at.value_iterated_to(), at.count_at_value())).collect()
+            },
+            seconds: self.seconds(),
+        })
     }
 
     /// Writes what is left and `summary.json`, with the `error` of a run that failed.
@@ -213,13 +198,14 @@ impl Recorder {
     /// A file cannot be written.
     pub fn finish(mut self, counters: &Counters, budget: u64, error: Option<String>) -> Result<Summary> {
         self.flush()?;
-        let seconds = self.start.elapsed().as_secs_f64();
+        let seconds = self.seconds();
         let quantile = |q| {
             (!self.decision_ns.is_empty()).then(|| self.decision_ns.value_at_quantile(q) as f64 / 1_000.0)
         };
         let summary = Summary {
             complete: error.is_none() && counters.steps >= budget,
             error,
+            exact_resume: self.is_saved_exactly && self.deterministic,
             rejected_by_cause: self.causes,
             hard_resets_by_kind: self.hard_resets.into_iter().collect(),
             final_return: self.results.last.map(|last| last.mean_return),
@@ -233,7 +219,7 @@ impl Recorder {
             decision_us_p99: quantile(0.99),
             ..Summary::new(&self.identity, counters, budget)
         };
-        write_whole(&self.folder.path.join("summary.json"), &serde_json::to_vec_pretty(&summary)?)?;
+        write_whole(&self.folder.path().join("summary.json"), &serde_json::to_vec_pretty(&summary)?)?;
         Ok(summary)
     }
 }
@@ -256,22 +242,20 @@ impl Observer for Recorder {
             Some(ProjectionKind::Replace | ProjectionKind::Best) => "",
             None => abort.cause.solver_status().unwrap_or(""),
         };
-        let rule = abort.rule.and_then(|index| self.rules.get(index)).map_or("", String::as_str);
-        let score = if abort.score.is_nan() { String::new() } else { abort.score.to_string() };
-        self.interventions.write_record([
-            &step.to_string(),
-            role.name(),
+        self.interventions.write(&InterventionRow {
+            step: *step,
+            phase: role.name(),
             verdict,
-            &cause,
-            rule,
-            &score,
+            cause: &cause,
+            rule: abort.rule.and_then(|index| self.rules.get(index)).map_or("", String::as_str),
+            score: (!abort.score.is_nan()).then(|| abort.score.to_string()),
             reason,
-            &numbers(proposed),
-            &executed.map_or(String::new(), numbers),
+            proposed: numbers(proposed),
+            executed: executed.map(numbers),
             solver_status,
-            &projection.map_or(String::new(), |projection| projection.iterations.to_string()),
-            &projection.map_or(String::new(), |projection| projection.distance.to_string()),
-        ])?;
+            iterations: projection.map(|projection| projection.iterations),
+            distance: projection.map(|projection| projection.distance.to_string()),
+        })?;
         *self.causes.entry(cause).or_default() += 1;
         Ok(())
     }
@@ -280,33 +264,57 @@ impl Observer for Recorder {
         if let Some(kind) = episode.hard_reset.and_then(|reset| reset.kind) {
             self.hard_resets[kind].1 += 1;
         }
-        self.metrics.serialize((
-            (counters.steps, self.episodes, episode.role.name(), episode.length),
-            (episode.forward_return, episode.reset_return, u8::from(episode.success), episode.end),
-            (u8::from(episode.has_reset), u8::from(episode.hard_reset.is_some()), counters.early_aborts),
-            (
-                counters.hard_resets,
-                counters.irreversible_entries,
-                counters.forward_steps,
-                counters.hard_reset_cost,
-            ),
-        ))?;
+        self.metrics.write(&MetricsRow {
+            step: counters.steps,
+            episode: self.episodes,
+            phase: episode.role.name(),
+            length: episode.length,
+            forward_return: episode.forward_return,
+            reset_return: episode.reset_return,
+            success: u8::from(episode.success),
+            end: Some(episode.end),
+            has_reset: u8::from(episode.has_reset),
+            hard_reset: u8::from(episode.hard_reset.is_some()),
+            early_aborts: counters.early_aborts,
+            hard_resets: counters.hard_resets,
+            irreversible_entries: counters.irreversible_entries,
+            forward_steps: counters.forward_steps,
+            hard_reset_cost: counters.hard_reset_cost,
+        })?;
         self.episodes += 1;
         if self.last_flush.elapsed() >= FLUSH_EVERY {
-            self.timings.serialize((counters.steps, self.start.elapsed().as_secs_f64()))?;
+            self.timings.write(&TimingRow { step: counters.steps, wall_seconds: self.seconds() })?;
             self.flush()?;
         }
         Ok(())
     }
 
     fn on_metric(&mut self, step: u64, name: &str, mean: f64) -> Result<()> {
-        Ok(self.learning.serialize((step, name, mean))?)
+        self.learning.write(&LearningRow { step, metric: name, mean })
     }
 
     fn on_evaluation(&mut self, evaluation: &EvaluationRecord) -> Result<()> {
         self.results.add(evaluation, self.solved_at);
-        let EvaluationRecord { step, mean_return, success_rate, irreversible_entries, steps } = evaluation;
-        Ok(self.evaluations.serialize((step, mean_return, success_rate, irreversible_entries, steps))?)
+        let EvaluationRecord { step, mean_return, success_rate, irreversible_entries, steps } = *evaluation;
+        self.evaluations.write(&EvaluationRow {
+            step,
+            mean_return,
+            success_rate,
+            irreversible_entries,
+            steps,
+        })
+    }
+
+    fn on_checkpoint(&mut self, snapshot: &Snapshot<'_>) -> Result<()> {
+        if self.checkpoints.is_none() {
+            return Ok(());
+        }
+        let state = self.state()?;
+        if let Some(store) = &mut self.checkpoints {
+            store.write(snapshot, &state).context("the checkpoint cannot be written")?;
+            self.is_saved_exactly = snapshot.state.unsaved().is_empty();
+        }
+        Ok(())
     }
 }
 

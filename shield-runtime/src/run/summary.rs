@@ -82,7 +82,7 @@ pub struct Summary {
 }
 
 /// What the evaluations of a run come to.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub(super) struct Evaluations {
     pub last: Option<EvaluationRecord>,
     pub best_return: Option<f64>,

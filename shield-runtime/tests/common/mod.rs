@@ -269,6 +269,7 @@ pub fn settings(steps: u64) -> LoopSettings {
         updates_per_step: 1,
         endings: Endings::default(),
         evaluate_every: None,
+        checkpoint_every: None,
     }
 }
 

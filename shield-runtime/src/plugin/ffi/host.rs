@@ -8,6 +8,7 @@ use std::{
     panic::{AssertUnwindSafe, catch_unwind},
 };
 
+use serde::{Deserialize, Serialize};
 use shield_api::{
     Host,
     abi::{HostTable, Text},
@@ -20,7 +21,8 @@ static TABLE: HostTable =
     HostTable { struct_size: size_of::<HostTable>(), log: write_log, metric: keep_metric };
 
 /// What a plugin reported under one name since the last [`drain_metrics`].
-struct Metric {
+#[derive(Clone, Serialize, Deserialize)]
+pub(crate) struct Metric {
     name: String,
     sum: f64,
     count: u64,
@@ -64,6 +66,16 @@ pub fn drain_metrics(take: &mut impl FnMut(&str, f64)) {
 /// Forgets every figure and name on this thread: for the beginning of a run.
 pub fn clear_metrics() {
     METRICS.with_borrow_mut(Vec::clear);
+}
+
+/// What is waiting to be handed over on this thread, for a checkpoint.
+pub(crate) fn save_metrics() -> Vec<Metric> {
+    METRICS.with_borrow(Clone::clone)
+}
+
+/// Goes on from what [`save_metrics`] gave.
+pub(crate) fn restore_metrics(saved: &[Metric]) {
+    METRICS.with_borrow_mut(|metrics| saved.clone_into(metrics));
 }
 
 unsafe extern "C" fn write_log(level: u32, message: Text) {

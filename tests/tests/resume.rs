@@ -1,0 +1,321 @@
+//! A run that was stopped or killed and then continued is the run that was never stopped, byte for byte.
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+use std::{
+    collections::BTreeMap,
+    fs,
+    path::{Path, PathBuf},
+    sync::{
+        OnceLock,
+        atomic::{AtomicBool, Ordering},
+    },
+};
+
+use shield_runtime::{
+    experiment::{ExperimentFile, Override, Variant},
+    observer::{Counters, EvaluationRecord, Observer},
+    plugin::{Registry, SearchPath},
+    run::{Identity, Order, RunFolder, Standing, restore},
+};
+use shield_tests::{cart, gridworld, plugins_folder, run_files};
+use tempfile::TempDir;
+
+fn registry() -> &'static Registry {
+    static REGISTRY: OnceLock<Registry> = OnceLock::new();
+    REGISTRY.get_or_init(|| Registry::scan(&SearchPath::new([plugins_folder()])))
+}
+
+/// A run in a folder of its own.
+struct Run {
+    variant: Variant,
+    identity: Identity,
+    folder: RunFolder,
+    _home: TempDir,
+}
+
+impl Run {
+    fn new(experiment: &str, sets: &[&str]) -> Self {
+        let home = tempfile::tempdir().unwrap();
+        let sets: Vec<Override> = sets.iter().map(|set| Override::parse(set).unwrap()).collect();
+        let variants = ExperimentFile::from_text("x.ron", experiment).variants(&sets, None).unwrap();
+        let variant = variants[0].clone();
+        let identity = Identity { experiment: "x".into(), variant: variant.name.clone(), seed: 0 };
+        let folder = RunFolder::new(home.path(), &identity);
+        Self { variant, identity, folder, _home: home }
+    }
+
+    fn order(&self) -> Order<'_> {
+        Order { registry: registry(), variant: &self.variant, identity: &self.identity, folder: &self.folder }
+    }
+
+    /// Begins or goes on, until the saboteur says otherwise. Returns the steps that were made before.
+    fn go(&self, sabotage: Sabotage) -> u64 {
+        let order = self.order();
+        let launch = if self.folder.exists() { order.proceed() } else { order.begin(false) }.unwrap();
+        let before = launch.steps_before();
+        let stop = AtomicBool::new(false);
+        let ran = launch.run(Saboteur { sabotage, stop: &stop }, &stop);
+        assert_eq!(ran.is_err(), matches!(sabotage, Sabotage::Crash(_) | Sabotage::CrashInEvaluation(_)));
+        before
+    }
+
+    fn uninterrupted(experiment: &str) -> BTreeMap<String, Vec<u8>> {
+        let run = Self::new(experiment, &[]);
+        run.go(Sabotage::None);
+        run.files()
+    }
+
+    fn files(&self) -> BTreeMap<String, Vec<u8>> {
+        run_files(self.folder.path())
+    }
+
+    fn checkpoint(&self, name: &str) -> PathBuf {
+        self.folder.path().join("checkpoint").join(name)
+    }
+
+    fn last_row(&self) -> String {
+        fs::read_to_string(self.folder.path().join("metrics.csv")).unwrap().lines().last().unwrap().to_owned()
+    }
+}
+
+#[derive(Debug, Clone, Copy)]
+enum Sabotage {
+    None,
+    /// Ctrl-C after so many steps.
+    Stop(u64),
+    /// The end of everything after so many steps: what was written since the last checkpoint stays behind.
+    Crash(u64),
+    /// The same within the evaluation at that step.
+    CrashInEvaluation(u64),
+}
+
+struct Saboteur<'a> {
+    sabotage: Sabotage,
+    stop: &'a AtomicBool,
+}
+
+impl Observer for Saboteur<'_> {
+    fn on_step(&mut self, counters: &Counters) -> anyhow::Result<()> {
+        match self.sabotage {
+            Sabotage::Stop(step) if counters.steps == step => self.stop.store(true, Ordering::Relaxed),
+            Sabotage::Crash(step) => anyhow::ensure!(counters.steps != step, "crash"),
+            _ => {}
+        }
+        Ok(())
+    }
+
+    fn on_evaluation(&mut self, evaluation: &EvaluationRecord) -> anyhow::Result<()> {
+        if let Sabotage::CrashInEvaluation(step) = self.sabotage {
+            anyhow::ensure!(evaluation.step != step, "crash");
+        }
+        Ok(())
+    }
+}
+
+fn same(expected: &BTreeMap<String, Vec<u8>>, run: &Run, why: &str) {
+    let files = run.files();
+    assert_eq!(expected.keys().collect::<Vec<_>>(), files.keys().collect::<Vec<_>>(), "{why}");
+    for (name, bytes) in expected {
+        assert!(*bytes == files[name], "{why}: {name} differs from that of an uninterrupted run");
+    }
+}
+
+/// The gridworld with a memory that forgets, masks, and a rule and a reset task with states of their own.
+fn grid() -> String {
+    gridworld(
+        1_500,
+        r#"checkpoint: (every: 400), reset_task: (plugin: "near-start", config: (radius: 0.1)),"#,
+    )
+    .replace("batch: 16", "batch: 16, capacity: 150, bootstrap_probability: 0.7, cost_weight: 0.1")
+    .replace("warm_up_steps", "on_abort: Penalise(0.5), warm_up_steps")
+    .replace("rules: [", r#"rules: [(plugin: "deadline-latch", config: (steps: 3)), "#)
+}
+
+#[test]
+fn a_stopped_run_goes_on_as_if_nothing_had_been() {
+    let expected = Run::uninterrupted(&grid());
+    let mut phases = [0, 0];
+    for step in [1, 2, 199, 399, 400, 401, 403, 500, 777, 1_000, 1_203, 1_499] {
+        let run = Run::new(&grid(), &[]);
+        run.go(Sabotage::Stop(step));
+        let row = run.last_row();
+        assert!(row.contains("interrupted"), "{row}");
+        phases[usize::from(row.contains("reset,"))] += 1;
+        assert_eq!(run.go(Sabotage::None), step);
+        same(&expected, &run, &format!("stopped after {step} steps"));
+    }
+    assert!(phases.iter().all(|count| *count > 0), "only one kind of episode was interrupted: {phases:?}");
+}
+
+#[test]
+fn a_crashed_run_goes_on_from_its_last_checkpoint() {
+    let expected = Run::uninterrupted(&grid());
+    let crash = Sabotage::Crash;
+    for (sabotage, last) in [
+        (crash(1), 0),
+        (crash(399), 0),
+        (crash(400), 0),
+        (crash(401), 400),
+        (crash(1_111), 800),
+        (Sabotage::CrashInEvaluation(500), 400),
+        (Sabotage::CrashInEvaluation(1_500), 1_200),
+    ] {
+        let run = Run::new(&grid(), &[]);
+        run.go(sabotage);
+        assert_eq!(run.go(Sabotage::None), last, "{sabotage:?}");
+        same(&expected, &run, &format!("{sabotage:?}"));
+    }
+}
+
+#[test]
+fn a_run_that_is_stopped_and_crashed_many_times_is_still_the_same() {
+    let expected = Run::uninterrupted(&grid());
+    let run = Run::new(&grid(), &[]);
+    for step in (30..1_500).step_by(70) {
+        run.go(if step % 3 == 0 { Sabotage::Crash(step) } else { Sabotage::Stop(step) });
+    }
+    run.go(Sabotage::None);
+    same(&expected, &run, "after many ends");
+}
+
+#[test]
+fn networks_the_robot_and_its_projections_go_on_too() {
+    let rules = r#"rules: [(plugin: "linear-constraints", config: (constraints: [(a: [1.0], b: 0.1)])), "#;
+    let experiment = cart(700, "checkpoint: (every: 250),")
+        .replace("rules: [", rules)
+        .replace("warm_up_steps", "projection: Qp(margin: 0.01), shield_exploration: true, warm_up_steps")
+        .replace("episodes: 2", "episodes: 1, shielded: true");
+    let expected = Run::uninterrupted(&experiment);
+    let projections = String::from_utf8_lossy(&expected["interventions.csv"]).matches("project").count();
+    assert!(projections > 10, "only {projections} projections");
+    for sabotage in [Sabotage::Stop(120), Sabotage::Stop(333), Sabotage::Crash(640)] {
+        let run = Run::new(&experiment, &[]);
+        run.go(sabotage);
+        run.go(Sabotage::None);
+        same(&expected, &run, &format!("{sabotage:?}"));
+    }
+}
+
+#[test]
+fn every_mode_goes_on() {
+    for mode in ["StatusQuo", "ForwardOnly", "ResetOnly()"] {
+        let experiment = gridworld(600, &format!("mode: {mode}, checkpoint: (every: 100),"));
+        let expected = Run::uninterrupted(&experiment);
+        for sabotage in [Sabotage::Stop(333), Sabotage::Crash(250)] {
+            let run = Run::new(&experiment, &[]);
+            run.go(sabotage);
+            run.go(Sabotage::None);
+            same(&expected, &run, &format!("{mode}, {sabotage:?}"));
+        }
+    }
+}
+
+fn damage(path: &Path) {
+    let mut bytes = fs::read(path).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    fs::write(path, bytes).unwrap();
+}
+
+#[test]
+fn a_damaged_checkpoint_is_passed_over_for_the_one_before() {
+    let expected = Run::uninterrupted(&grid());
+    for file in ["latest.bin", "the experience", "metrics.csv"] {
+        let run = Run::new(&grid(), &[]);
+        run.go(Sabotage::Crash(1_150));
+        match file {
+            "latest.bin" => damage(&run.checkpoint(file)),
+            // The last segment of a memory that forgets holds only what the last checkpoint needs.
+            "the experience" => {
+                let segments = fs::read_dir(run.checkpoint("")).unwrap().map(|entry| entry.unwrap().path());
+                let rows = segments.filter(|path| path.extension().is_some_and(|end| end == "rows"));
+                damage(&rows.max().unwrap());
+            }
+            _ => {
+                let path = run.folder.path().join(file);
+                let length = fs::metadata(&path).unwrap().len();
+                fs::File::options().write(true).open(&path).unwrap().set_len(length * 6 / 10).unwrap();
+            }
+        }
+        let launch = run.order().proceed().unwrap();
+        assert_eq!(launch.steps_before(), 400, "{file}");
+        assert!(launch.warnings()[0].contains("passed over"), "{:?}", launch.warnings());
+        drop(launch);
+        run.go(Sabotage::None);
+        same(&expected, &run, file);
+    }
+}
+
+#[test]
+fn without_a_usable_checkpoint_the_run_begins_anew_and_says_so() {
+    let expected = Run::uninterrupted(&grid());
+    let run = Run::new(&grid(), &[]);
+    run.go(Sabotage::Stop(900));
+    fs::write(run.checkpoint("latest.bin"), "a text").unwrap();
+    fs::remove_file(run.checkpoint("previous.bin")).unwrap();
+    let launch = run.order().proceed().unwrap();
+    assert_eq!(launch.steps_before(), 0);
+    let warnings = launch.warnings().join("\n");
+    assert!(warnings.contains("is not a checkpoint") && warnings.contains("anew"), "{warnings}");
+    drop(launch);
+    run.go(Sabotage::None);
+    same(&expected, &run, "begun anew");
+}
+
+#[test]
+fn another_configuration_is_refused_by_the_name_of_the_field() {
+    let run = Run::new(&grid(), &[]);
+    run.go(Sabotage::Stop(450));
+    let other = Run::new(&grid(), &["shield.rules[1].config.q_min=0.3"]);
+    let order = Order { folder: &run.folder, ..other.order() };
+    let Ok(Standing::Differs(difference)) = order.standing() else { panic!("no difference was seen") };
+    assert_eq!(difference.path, "shield.rules[1].config.q_min");
+    let error = order.proceed().err().unwrap().to_string();
+    assert!(error.contains("shield.rules[1].config.q_min"), "{error}");
+    // How many threads there are changes nothing.
+    let threads = Run::new(&grid(), &["threads=2"]);
+    let order = Order { folder: &run.folder, ..threads.order() };
+    assert!(matches!(order.standing(), Ok(Standing::Unfinished)));
+}
+
+#[test]
+fn two_processes_do_not_write_one_run() {
+    let run = Run::new(&grid(), &[]);
+    run.go(Sabotage::Stop(450));
+    let first = run.order().proceed().unwrap();
+    let error = run.order().proceed().err().unwrap().to_string();
+    assert!(error.contains("another process"), "{error}");
+    drop(first);
+    assert!(run.order().proceed().is_ok());
+}
+
+#[test]
+fn a_finished_run_keeps_its_agents_and_no_experience() {
+    let run = Run::new(&grid(), &[]);
+    run.go(Sabotage::Crash(1_400));
+    run.go(Sabotage::None);
+    let names: Vec<String> = fs::read_dir(run.checkpoint(""))
+        .unwrap()
+        .map(|entry| entry.unwrap().file_name().to_string_lossy().into_owned())
+        .filter(|name| name != "lock")
+        .collect();
+    assert_eq!(names, ["latest.bin"]);
+    assert!(matches!(run.order().standing(), Ok(Standing::Finished(summary)) if summary.exact_resume));
+    let restored = restore(registry(), &run.folder).unwrap();
+    assert!(restored.state.is_finished() && restored.state.counters().steps == 1_500);
+    // Killed after the last checkpoint, before the summary.
+    let summary = run.folder.path().join("summary.json");
+    let expected = run.files();
+    fs::remove_file(&summary).unwrap();
+    assert_eq!(run.go(Sabotage::None), 1_500);
+    same(&expected, &run, "only the summary was missing");
+}
+
+#[test]
+fn without_checkpoints_nothing_is_kept_and_the_summary_says_so() {
+    let run = Run::new(&grid(), &["checkpoint=None"]);
+    run.go(Sabotage::None);
+    assert!(!run.checkpoint("").exists());
+    assert!(matches!(run.order().standing(), Ok(Standing::Finished(summary)) if !summary.exact_resume));
+    assert!(restore(registry(), &run.folder).err().unwrap().to_string().contains("no checkpoint"));
+}
