@@ -13,7 +13,7 @@ use std::{fmt, process::ExitCode};
 use clap::{Parser, Subcommand};
 use shield_runtime::{
     experiment::InputError,
-    plugin::{Registry, SearchPath},
+    plugin::{Registry, SearchPath, isolated},
 };
 
 /// Trains and judges policies behind a shield: an action that could not be undone is not executed.
@@ -52,6 +52,9 @@ enum Command {
     /// Lists and measures environments.
     #[command(subcommand)]
     Env(env::EnvCommand),
+    /// Serves one isolated plugin to the process that started this one.
+    #[command(hide = true)]
+    Worker,
 }
 
 /// What ends the command with something else than 0.
@@ -91,12 +94,16 @@ impl From<&Failure> for ExitCode {
 /// Reads the arguments and does what they say.
 pub fn main() -> ExitCode {
     let arguments = Arguments::parse();
+    if matches!(arguments.command, Command::Worker) {
+        return worker();
+    }
     let registry = Registry::scan(&SearchPath::from_environment());
     let done = match &arguments.command {
         Command::Run(arguments) => run::run(arguments, &registry),
         Command::Resume(arguments) => resume::run(arguments, &registry),
         Command::Plugin(command) => plugin::run(command, &registry),
         Command::Env(command) => env::run(command, &registry),
+        Command::Worker => unreachable!("served above, without a search for plugins"),
     };
     match done {
         Ok(()) => ExitCode::SUCCESS,
@@ -104,6 +111,17 @@ pub fn main() -> ExitCode {
             let prefix = if matches!(failure, Failure::Interrupted(_)) { "" } else { "error: " };
             eprintln!("{prefix}{failure}");
             ExitCode::from(&failure)
+        }
+    }
+}
+
+/// What it prints reaches the user only in the message about its end.
+fn worker() -> ExitCode {
+    match isolated::serve() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error:#}");
+            ExitCode::FAILURE
         }
     }
 }

@@ -11,7 +11,7 @@ use crate::{
     experiment::EvaluatedAgent,
     observer::{EvaluationRecord, Tally},
     shield::{Agents, Ladder, Moment},
-    world::World,
+    world::{Stepped, World},
 };
 
 /// What an evaluator carries from one evaluation to the next: each begins with a hard reset, which leaves these as they are.
@@ -120,7 +120,8 @@ impl Evaluator {
                 // A rejected action is replaced by the reset agent's for this step: the shield as deployed.
                 shield.filter(agents, &moment, &mut self.action);
             }
-            let outcome = self.world.step(&self.action)?;
+            // An episode whose world was lost ends there.
+            let Stepped::Made(outcome) = self.world.step(&self.action)? else { break };
             self.world.advance();
             self.previous.copy_from_slice(&self.action);
             record.irreversible_entries += u64::from(outcome.irreversible && !was_irreversible);

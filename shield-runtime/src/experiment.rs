@@ -21,8 +21,9 @@ use serde::de::IgnoredAny;
 
 pub use config::{
     BetweenAttempts, CheckpointConfig, Endings, EvaluatedAgent, EvaluationConfig, ExperienceConfig,
-    Experiment, Forward, Mode, OnAbort, OnResetFailure, OnResetSuccess, PluginChoice, ProjectionConfig,
-    QpConfig, ResetAttempts, ResetTest, RuleConfig, ShieldConfig, Unlimited, Updates,
+    Experiment, Forward, Mode, OnAbort, OnResetFailure, OnResetSuccess, OnWorkerFailure, PluginChoice,
+    ProjectionConfig, QpConfig, ResetAttempts, ResetTest, RuleConfig, ShieldConfig, Unlimited, Updates,
+    WorkerConfig,
 };
 pub use difference::{Difference, first_difference};
 pub use error::{InputError, Location};

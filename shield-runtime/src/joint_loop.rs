@@ -21,7 +21,7 @@ use crate::{
     observer::{Counters, EpisodeEnd, EpisodeRecord, HardReset, Intervention, Observer, Tally},
     plugin,
     shield::{Agents, Attempts, Ladder, Moment},
-    world::World,
+    world::{Stepped, World},
 };
 
 /// One run of the joint loop.
@@ -116,7 +116,7 @@ impl<'a> JointLoop<'a> {
                 }
                 (Mode::ForwardOnly, _) => {
                     let episode = self.forward_episode()?;
-                    self.close(episode, episode.end == EpisodeEnd::Terminated)?;
+                    self.close(episode, episode.end.needs_hard_reset())?;
                     AgentRole::Forward
                 }
                 (Mode::ResetOnly { .. }, _) => {
@@ -140,7 +140,7 @@ impl<'a> JointLoop<'a> {
     /// The first half of a turn of Algorithm 1: a forward episode. Returns whose turn is next.
     fn forward_turn(&mut self) -> anyhow::Result<AgentRole> {
         let episode = self.forward_episode()?;
-        let is_terminated = episode.end == EpisodeEnd::Terminated;
+        let is_terminated = episode.end.needs_hard_reset();
         self.close(episode, is_terminated)?;
         Ok(if is_terminated { AgentRole::Forward } else { AgentRole::Reset })
     }
@@ -153,7 +153,7 @@ impl<'a> JointLoop<'a> {
             return Ok(AgentRole::Reset);
         }
         let has_given_up = self.attempts.record(attempt.has_reset);
-        let needs_hard_reset = attempt.end == EpisodeEnd::Terminated || has_given_up;
+        let needs_hard_reset = attempt.end.needs_hard_reset() || has_given_up;
         self.close(attempt, needs_hard_reset)?;
         let tries_again = !attempt.has_reset && self.settings.between_attempts == BetweenAttempts::Reset;
         Ok(if tries_again && !needs_hard_reset { AgentRole::Reset } else { AgentRole::Forward })
@@ -171,7 +171,9 @@ impl<'a> JointLoop<'a> {
                 self.tell_of_abort(abort);
                 return Ok(record(AgentRole::Forward, &tally, EpisodeEnd::Abort, false));
             }
-            let outcome = self.world.step(&self.action)?;
+            let Stepped::Made(outcome) = self.world.step(&self.action)? else {
+                return Ok(self.lost(AgentRole::Forward, &tally));
+            };
             tally += &outcome;
             self.counters.forward_steps += 1;
             self.remember(&outcome, true);
@@ -189,7 +191,9 @@ impl<'a> JointLoop<'a> {
                 return Ok(record(AgentRole::Reset, &tally, EpisodeEnd::Interrupted, false));
             }
             self.act_to_reset()?;
-            let outcome = self.world.step(&self.action)?;
+            let Stepped::Made(outcome) = self.world.step(&self.action)? else {
+                return Ok(self.lost(AgentRole::Reset, &tally));
+            };
             tally += &outcome;
             let has_reset = match self.settings.reset_test {
                 ResetTest::AnyVisited => tally.visited_reset_set,
@@ -224,6 +228,12 @@ impl<'a> JointLoop<'a> {
 
     fn is_last(&self, tally: &Tally) -> bool {
         tally.length >= self.world.spec().episode_length as u64
+    }
+
+    /// The episode ends without the step that lost the world: nobody knows where it led.
+    fn lost(&mut self, role: AgentRole, tally: &Tally) -> EpisodeRecord {
+        self.counters.worker_restarts += 1;
+        record(role, tally, EpisodeEnd::WorkerLost, false)
     }
 
     /// Lets the forward agent propose and the shield decide; afterwards `action` may be executed, unless there was an abort.
@@ -382,12 +392,16 @@ impl<'a> JointLoop<'a> {
     /// Ends an episode: the report, and the hard reset that may follow it.
     fn close(&mut self, mut episode: EpisodeRecord, hard_reset: bool) -> anyhow::Result<()> {
         if hard_reset {
-            let (kind, cost) = self.world.hard_reset_due()?;
+            // A lost world has no state to ask, and its end is not the reset agent's doing.
+            let is_lost = episode.end == EpisodeEnd::WorkerLost;
+            let (kind, cost) = if is_lost { (None, 1.0) } else { self.world.hard_reset_due()? };
             let cost = cost * self.settings.hard_reset_cost;
             self.attempts.clear();
             self.counters.hard_resets += 1;
             self.counters.hard_reset_cost += cost;
-            self.experience.charge_last(AgentRole::Reset, self.settings.cost_weight * cost as f32);
+            if !is_lost {
+                self.experience.charge_last(AgentRole::Reset, self.settings.cost_weight * cost as f32);
+            }
             episode.hard_reset = Some(HardReset { kind, cost });
         }
         self.observer.on_episode(&episode, &self.counters)?;

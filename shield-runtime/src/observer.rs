@@ -22,6 +22,8 @@ pub enum EpisodeEnd {
     ResetSet,
     /// The environment cannot go on.
     Terminated,
+    /// The environment's process failed, and another took its place.
+    WorkerLost,
     /// The run's steps are used up.
     Budget,
     /// The user asked to stop.
@@ -32,6 +34,11 @@ impl EpisodeEnd {
     /// The run ended, not the episode.
     pub fn is_cut(self) -> bool {
         matches!(self, Self::Budget | Self::Interrupted)
+    }
+
+    /// There is no going on without a hard reset.
+    pub fn needs_hard_reset(self) -> bool {
+        matches!(self, Self::Terminated | Self::WorkerLost)
     }
 }
 
@@ -126,6 +133,8 @@ pub struct Counters {
     pub hard_reset_cost: f64,
     /// Times that an irreversible state was entered.
     pub irreversible_entries: u64,
+    /// Times that another process took the place of the environment's.
+    pub worker_restarts: u64,
 }
 
 /// Why the state of a run is to be kept.

@@ -6,9 +6,11 @@
 //! - [`Registry`] scans folders, finds ids, and makes instances.
 //! - `trust` asks, before that, who may have written the file and whether it is the one that was meant.
 //! - `ffi` holds the wrappers: they implement the traits of `shield_api` and let nothing through that is not a number.
+//! - `isolated` does the same for plugins in a process of their own.
 
 mod error;
 mod ffi;
+pub mod isolated;
 mod library;
 mod manifest;
 mod registry;

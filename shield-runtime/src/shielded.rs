@@ -8,7 +8,7 @@ use crate::{
     decision::Decision,
     experience::{AgentShare, Experience, Transition},
     shield::Shield,
-    world::World,
+    world::{Stepped, World},
 };
 
 /// What the reset agent learns while a [`Shielded`] environment is used.
@@ -85,7 +85,10 @@ impl<E: Environment> Shielded<E> {
 
     /// Executes the action in the buffer.
     fn execute(&mut self) -> Result<StepOutcome> {
-        let outcome = self.world.step(&self.action)?;
+        let Stepped::Made(outcome) = self.world.step(&self.action)? else {
+            self.must_be_placed = true;
+            return Ok(StepOutcome { terminated: true, ..StepOutcome::default() });
+        };
         if let Some(Learning { experience, updates_per_step }) = &mut self.learning {
             let transition = Transition {
                 observation: self.world.observation(),

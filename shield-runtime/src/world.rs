@@ -1,12 +1,14 @@
 //! The environment as the loop sees it: with the reset task applied, and every number checked.
 
+use std::sync::atomic::Ordering;
+
 use serde::{Deserialize, Serialize};
 use shield_api::{
     Environment, EnvironmentSpec, Error, ResetKind, ResetTask, Result, StepOutcome, check_finite,
     check_length,
 };
 
-use crate::checkpoint::PluginState;
+use crate::{checkpoint::PluginState, plugin::isolated::RestartFlag};
 
 /// The state of a [`World`].
 #[derive(Serialize, Deserialize)]
@@ -24,6 +26,16 @@ pub struct World<E: ?Sized = dyn Environment> {
     reset_kinds: Vec<ResetKind>,
     observation: Vec<f32>,
     next_observation: Vec<f32>,
+    restarts: Option<RestartFlag>,
+}
+
+/// What became of a step.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Stepped {
+    /// It was made.
+    Made(StepOutcome),
+    /// The environment's process failed, and another took its place: there is no next observation, and a hard reset must follow.
+    Lost,
 }
 
 impl World {
@@ -68,7 +80,14 @@ impl<E: Environment + ?Sized> World<E> {
         }
         let observation = vec![0.0; spec.spaces.observation_len()];
         let next_observation = observation.clone();
-        Ok(Self { environment, reset_task, spec, reset_kinds, observation, next_observation })
+        Ok(Self { environment, reset_task, spec, reset_kinds, observation, next_observation, restarts: None })
+    }
+
+    /// Tells this world of the flag that its environment sets when a failed step has put a new one in its place.
+    #[must_use]
+    pub fn restarted_by(mut self, flag: Option<RestartFlag>) -> Self {
+        self.restarts = flag;
+        self
     }
 
     /// What the environment is.
@@ -133,9 +152,13 @@ impl<E: Environment + ?Sized> World<E> {
     ///
     /// # Errors
     /// The action is not one. The environment or the reset task failed, or gave a number that is not finite.
-    pub fn step(&mut self, action: &[f32]) -> Result<StepOutcome> {
+    pub fn step(&mut self, action: &[f32]) -> Result<Stepped> {
         self.spec.spaces.action.check_action(action)?;
-        let mut outcome = self.environment.step(action, &mut self.next_observation)?;
+        let mut outcome = match self.environment.step(action, &mut self.next_observation) {
+            Ok(outcome) => outcome,
+            Err(_) if self.was_restarted() => return Ok(Stepped::Lost),
+            Err(error) => return Err(error),
+        };
         check_finite("the observation after a step", &self.next_observation, self.observation.len())?;
         if let Some(task) = &mut self.reset_task {
             let signal = task.evaluate(&self.observation, action, &self.next_observation)?;
@@ -143,7 +166,11 @@ impl<E: Environment + ?Sized> World<E> {
             outcome.in_reset_set = signal.in_reset_set;
         }
         check_finite("the rewards of a step", &[outcome.forward_reward, outcome.reset_reward], 2)?;
-        Ok(outcome)
+        Ok(Stepped::Made(outcome))
+    }
+
+    fn was_restarted(&self) -> bool {
+        self.restarts.as_ref().is_some_and(|flag| flag.swap(false, Ordering::Relaxed))
     }
 
     /// The state between two steps.

@@ -4,13 +4,16 @@
 #[allow(dead_code, clippy::unwrap_used)] // The tests use the rest.
 mod fixtures;
 
-use std::{fs, hint::black_box};
+use std::{fs, hint::black_box, time::Duration};
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use shield_api::{
     AbortRule, ActMode, Checkpoint, Environment, Learner, Phase, Policy, Reason, Result, RuleContext, Setup,
 };
-use shield_runtime::plugin::{Registry, SearchPath, Selection, host};
+use shield_runtime::plugin::{
+    Registry, SearchPath, Selection, host,
+    isolated::{Isolation, OnFailure},
+};
 
 use fixtures::{optimised_fixture, setup};
 
@@ -62,6 +65,16 @@ fn calls(criterion: &mut Criterion) {
     let world = Setup::new(0, 1, host());
     let mut cells = registry.environment(&choice("fixture/cells"), "", &world).expect("an environment");
     criterion.bench_function("environment.step of 3 values, loaded", |bencher| {
+        let mut observation = [0.0; 3];
+        bencher.iter(|| cells.step(black_box(&[0.0]), black_box(&mut observation)));
+    });
+    // The program in which it is isolated.
+    shield_tests::shield();
+    let patient = Duration::from_secs(60);
+    let isolation = Isolation { on_failure: OnFailure::Error, start_timeout: patient, step_timeout: patient };
+    let cells = registry.isolated_environment(&choice("fixture/cells"), "", &world, isolation);
+    let mut cells = cells.expect("an environment");
+    criterion.bench_function("environment.step of 3 values, isolated", |bencher| {
         let mut observation = [0.0; 3];
         bencher.iter(|| cells.step(black_box(&[0.0]), black_box(&mut observation)));
     });

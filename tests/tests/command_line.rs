@@ -274,21 +274,36 @@ fn help_teaches() {
     }
 }
 
-#[test]
-fn every_example_starts() {
+/// Starts the examples in Python, or those that are not, with further arguments. Paths in them count from the workspace.
+fn start_examples(in_python: bool, arguments: &[&str]) {
     for entry in fs::read_dir(workspace().join("examples")).unwrap() {
         let path = entry.unwrap().path();
-        if path.extension().is_none_or(|extension| extension != "ron") {
+        let is_example = path.extension().is_some_and(|extension| extension == "ron");
+        if !is_example || fs::read_to_string(&path).unwrap().contains("\"gymnasium\"") != in_python {
             continue;
         }
         let folder = tempfile::tempdir().unwrap();
         let mut command = shield();
         command
+            .current_dir(workspace())
             .arg("run")
             .arg(&path)
-            .args(["--steps", "60", "--set", "evaluation.episodes=1", "--out"])
-            .arg(folder.path());
-        let output = command.output().unwrap();
+            .args(arguments)
+            .args(["--steps", "60", "--out"]);
+        let output = command.arg(folder.path()).output().unwrap();
         assert!(output.status.success(), "{}: {}", path.display(), text(&output.stderr));
     }
+}
+
+#[test]
+fn every_example_starts() {
+    start_examples(false, &["--set", "evaluation.episodes=1"]);
+}
+
+#[test]
+#[ignore = "needs Gymnasium: `cargo xtask test --peers`"]
+fn every_example_in_python_starts() {
+    let python =
+        std::env::var("SHIELD_PEERS_PYTHON").expect("`cargo xtask test --peers` names the interpreter");
+    start_examples(true, &["--set", &format!("environment.config.python={python:?}")]);
 }

@@ -44,3 +44,13 @@ fn runs_at_the_same_time_do_not_disturb_each_other() {
     let together = run(&gridworld(3_000, ""), &["--seeds", "0,1,2,3", "--jobs", "4"], 1);
     assert_eq!(alone, together);
 }
+
+#[test]
+fn an_isolated_environment_is_another_than_a_loaded_one() {
+    let loaded = run(&gridworld(1_000, ""), &["--seeds", "0"], 0);
+    let isolated = run(&gridworld(1_000, ""), &["--seeds", "0", "--set", "environment.isolate=true"], 0);
+    assert!(loaded.len() == isolated.len() && loaded["config.ron"] != isolated["config.ron"]);
+    for (name, bytes) in loaded.iter().filter(|(name, _)| *name != "config.ron") {
+        assert_eq!(String::from_utf8_lossy(bytes), String::from_utf8_lossy(&isolated[name]), "{name}");
+    }
+}

@@ -79,13 +79,14 @@ fn everything_below(metadata: &Metadata, package: &Package) -> BTreeSet<String> 
 fn a_plugin_or_environment_knows_the_host() {
     let metadata = metadata();
     for package in plugins(&metadata) {
-        assert_own_dependencies(&metadata, package, &["shield-api", "actor-critic"]);
+        assert_own_dependencies(&metadata, package, &["shield-api", "actor-critic", "shield-worker"]);
     }
 }
 
 #[test]
-fn the_networks_or_the_interface_know_something_of_ours() {
+fn the_networks_the_interface_or_the_worker_processes_know_something_of_ours() {
     let metadata = metadata();
+    assert_own_dependencies(&metadata, package(&metadata, "shield-worker"), &[]);
     assert_own_dependencies(&metadata, package(&metadata, "actor-critic"), &[]);
     assert_own_dependencies(&metadata, package(&metadata, "shield-api"), &[]);
 }
@@ -93,7 +94,11 @@ fn the_networks_or_the_interface_know_something_of_ours() {
 #[test]
 fn the_host_knows_more_than_the_interface() {
     let metadata = metadata();
-    assert_own_dependencies(&metadata, package(&metadata, "shield-runtime"), &["shield-api"]);
+    assert_own_dependencies(
+        &metadata,
+        package(&metadata, "shield-runtime"),
+        &["shield-api", "shield-worker"],
+    );
 }
 
 #[test]

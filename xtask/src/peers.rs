@@ -1,4 +1,5 @@
-//! `cargo xtask test --peers`: our models and speed against Gymnasium's and the DeepMind control suite's.
+//! `cargo xtask test --peers`: our models and speed against Gymnasium's and the DeepMind control suite's, and Gymnasium's environments
+//! behind our shield.
 
 use std::fs;
 use std::path::Path;
@@ -20,6 +21,13 @@ pub fn test(root: &Path) -> anyhow::Result<ExitCode> {
     fs::create_dir_all(&exported).with_context(|| format!("cannot create {}", exported.display()))?;
     let test = ["test", "--quiet", "--package", "mujoco-robots", "--lib", "peers", "--", "--include-ignored"];
     cargo::run(cargo::command(root).args(test).env("SHIELD_PEERS_FOLDER", &exported))?;
+    let in_python: [&[&str]; 2] = [
+        &["test", "--quiet", "--package", "gymnasium", "--", "--ignored"],
+        &["test", "--quiet", "--package", "shield-tests", "--test", "command_line", "--", "--ignored"],
+    ];
+    for test in in_python {
+        cargo::run(cargo::command(root).args(test).env("SHIELD_PEERS_PYTHON", &python))?;
+    }
     let build = ["build", "--release", "--package", "shield-runtime", "--package", "mujoco-robots"];
     cargo::run(cargo::command(root).args(build))?;
     let status = Command::new(&python)

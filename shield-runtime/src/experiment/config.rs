@@ -145,6 +145,43 @@ pub struct PluginChoice {
     /// RON text that only the plugin understands.
     #[serde(default = "empty_config", deserialize_with = "bare_config")]
     pub config: Box<RawValue>,
+    /// In a process of its own, so that a crash, an exit or a hang in it is an error. For environments and policies.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub isolate: bool,
+    /// How that process is treated.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub worker: WorkerConfig,
+}
+
+/// How the process of an isolated plugin is treated.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct WorkerConfig {
+    /// What follows when it dies or gives no answer, or the plugin panics.
+    pub on_failure: OnWorkerFailure,
+    /// How long the plugin may take to be made, in seconds.
+    pub start_timeout_s: f64,
+    /// How long any later call may take, in seconds.
+    pub step_timeout_s: f64,
+}
+
+impl Default for WorkerConfig {
+    fn default() -> Self {
+        Self { on_failure: OnWorkerFailure::Error, start_timeout_s: 60.0, step_timeout_s: 10.0 }
+    }
+}
+
+/// What follows the failure of an isolated plugin's process.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
+pub enum OnWorkerFailure {
+    /// The run ends with the reason.
+    Error,
+    /// A new process takes its place. An environment's episode ends there, and a counted hard reset follows; a policy is asked again.
+    Restart,
+}
+
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
 }
 
 /// Without the comments around it, so that the text begins where the value does: the positions that a plugin reports count from there.

@@ -227,7 +227,7 @@ fn values_that_cannot_be_run_are_refused_where_they_stand() {
     );
     check_field(
         "shield: (rules: [(@plugn: \"r\")])",
-        "unexpected field named `plugn` in `Rule`, expected one of `plugin`, `path`, or `config` instead; did you mean `plugin`?",
+        "unexpected field named `plugn` in `Rule`, expected one of `plugin`, `path`, `config`, `isolate`, or `worker` instead; did you mean `plugin`?",
     );
     check_field(
         "shield: (rules: [@Ayn([(plugin: \"r\")])])",
@@ -246,6 +246,24 @@ fn values_that_cannot_be_run_are_refused_where_they_stand() {
         let message = format!("{probability} is not a probability above 0 and up to 1");
         check_field(&field, &message);
     }
+    check_field(
+        "reset: (plugin: \"r\", isolate: @true)",
+        "only environments and policies can run in a process of their own",
+    );
+    for value in ["0.0", "-1.0", "inf", "NaN"] {
+        let (before, after) = ("\"e\", isolate: true, worker: (step_timeout_s: @", ")");
+        let told = value.parse::<f64>().unwrap();
+        check(
+            &small("\"e\"", &format!("{before}{value}{after}")),
+            &format!("a time limit is finite and above 0, not {told}"),
+        );
+        let text = small("\"p\"", &format!("\"p\", isolate: true, worker: (start_timeout_s: @{value})"));
+        check(&text, &format!("a time limit is finite and above 0, not {told}"));
+    }
+    check(
+        &small("\"e\"", "\"e\", worker: @(on_failure: Restart)"),
+        "without `isolate: true` there is no worker process",
+    );
     check_field("evaluation: Some(every: @0)", "evaluations need at least one step between them");
     check_field("evaluation: (every: 1, episodes: @0)", "an evaluation needs at least one episode");
     check_field("evaluation: (every: 1, solved_at: @2)", "2 is not a share above 0 and up to 1");

@@ -1,8 +1,10 @@
 //! What the types of an experiment cannot say.
 
+use std::time::Duration;
+
 use super::config::{
-    EvaluatedAgent, EvaluationConfig, ExperienceConfig, Experiment, Forward, Mode, OnAbort, ProjectionConfig,
-    QpConfig, ResetAttempts, RuleConfig,
+    EvaluatedAgent, EvaluationConfig, ExperienceConfig, Experiment, Forward, Mode, OnAbort, PluginChoice,
+    ProjectionConfig, QpConfig, ResetAttempts, RuleConfig, WorkerConfig,
 };
 
 /// What is wrong, and the path of the value to which it belongs.
@@ -64,6 +66,28 @@ fn seeds(seeds: &[u64]) -> Checked {
 fn plugins(experiment: &Experiment) -> Checked {
     for (path, _, choice) in experiment.plugins() {
         ensure(!choice.plugin.is_empty(), format!("{path}.plugin"), "the id of a plugin is empty")?;
+        worker(experiment, &path, choice)?;
+    }
+    Ok(())
+}
+
+fn worker(experiment: &Experiment, path: &str, choice: &PluginChoice) -> Checked {
+    let is_policy = path == "forward" && matches!(experiment.forward, Forward::Policy(_));
+    ensure(
+        !choice.isolate || path == "environment" || is_policy,
+        format!("{path}.isolate"),
+        "only environments and policies can run in a process of their own",
+    )?;
+    ensure(
+        choice.isolate || choice.worker == WorkerConfig::default(),
+        format!("{path}.worker"),
+        "without `isolate: true` there is no worker process",
+    )?;
+    let WorkerConfig { start_timeout_s, step_timeout_s, .. } = choice.worker;
+    for (field, value) in [("start_timeout_s", start_timeout_s), ("step_timeout_s", step_timeout_s)] {
+        let is_limit = Duration::try_from_secs_f64(value).is_ok_and(|limit| !limit.is_zero());
+        let message = format!("a time limit is finite and above 0, not {value}");
+        ensure(is_limit, format!("{path}.worker.{field}"), message)?;
     }
     for (id, sha256) in &experiment.pins {
         let is_digit = |byte: u8| matches!(byte, b'0'..=b'9' | b'a'..=b'f');

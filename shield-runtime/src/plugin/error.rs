@@ -58,7 +58,7 @@ pub enum PluginError {
     },
     /// A panic in the plugin would end this process.
     #[error("{}: the plugin {id:?} was built with panic = \"abort\", so that a panic in it would end the whole run; build \
-             it with panic = \"unwind\"", path.display())]
+             it with panic = \"unwind\", or give it a process of its own with `isolate: true`", path.display())]
     PanicAborts {
         /// The file.
         path: PathBuf,

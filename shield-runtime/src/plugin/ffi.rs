@@ -14,6 +14,8 @@ mod learner;
 mod policy;
 mod reset_task;
 
+pub(super) use handle::{spaces, while_creating};
+
 pub use abort_rule::LoadedAbortRule;
 pub use environment::LoadedEnvironment;
 pub(crate) use host::{Metric, restore_metrics, save_metrics};

@@ -14,7 +14,7 @@ use shield_api::{
 pub(super) use self::tables::{FunctionTable, function_table};
 use super::{
     Kind, PluginError,
-    manifest::{Language, check_manifests, read_manifests},
+    manifest::{Language, check_manifests, read_manifests, refuse_aborting},
     trust::check_writable,
 };
 
@@ -77,12 +77,28 @@ impl Library {
     /// # Errors
     /// Each way in which the file, its manifest, its doors or its tables can be wrong is one case of [`PluginError`].
     pub fn load(path: &Path) -> Result<Self, PluginError> {
+        Self::enter(path, refuse_aborting)
+    }
+
+    /// Loads the library at `path` into a process that may end: one that was built with `panic = "abort"` is welcome.
+    ///
+    /// # Errors
+    /// As for [`load`](Self::load).
+    pub(super) fn load_isolated(path: &Path) -> Result<Self, PluginError> {
+        Self::enter(path, |_, _| Ok(()))
+    }
+
+    fn enter(
+        path: &Path,
+        check: impl Fn(&Path, &[Manifest]) -> Result<(), PluginError>,
+    ) -> Result<Self, PluginError> {
         // The system's loader would look for a bare name in its own folders.
         let path = path
             .canonicalize()
             .map_err(|error| PluginError::Unreadable { path: path.into(), reason: error.to_string() })?;
         let manifests = read_manifests(&path)?;
         let language = check_manifests(&path, &manifests)?;
+        check(&path, &manifests)?;
         check_writable(&path)?;
         let opened = open(&path)?;
         let list = match language {

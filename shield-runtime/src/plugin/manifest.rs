@@ -59,9 +59,6 @@ pub(super) fn check_manifests(path: &Path, manifests: &[Manifest]) -> Result<Lan
         if manifest.abi.0 != ABI_MAJOR {
             return Err(PluginError::Interface { path: path.into(), id, abi: manifest.abi });
         }
-        if manifest.panic == "abort" {
-            return Err(PluginError::PanicAborts { path: path.into(), id });
-        }
         if Kind::from_name(&manifest.kind).is_none() {
             return Err(malformed(format!("{id:?} is of the unknown kind {:?}", manifest.kind)));
         }
@@ -76,6 +73,14 @@ pub(super) fn check_manifests(path: &Path, manifests: &[Manifest]) -> Result<Lan
     match languages.first() {
         Some(first) if languages.iter().all(|language| language == first) => Ok(*first),
         _ => Err(malformed("its plugins name different languages".into())),
+    }
+}
+
+/// Refuses libraries in which a panic would end this process.
+pub(super) fn refuse_aborting(path: &Path, manifests: &[Manifest]) -> Result<(), PluginError> {
+    match manifests.iter().find(|manifest| manifest.panic == "abort") {
+        Some(manifest) => Err(PluginError::PanicAborts { path: path.into(), id: manifest.id.clone() }),
+        None => Ok(()),
     }
 }
 

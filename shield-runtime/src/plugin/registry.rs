@@ -13,8 +13,9 @@ use shield_api::{Setup, manifest::Manifest};
 use super::{
     Kind, LoadedAbortRule, LoadedEnvironment, LoadedLearner, LoadedPolicy, LoadedResetTask, PluginError,
     SearchPath,
+    isolated::{IsolatedEnvironment, IsolatedPolicy, Isolation},
     library::{KindTable, Library},
-    manifest::{check_manifests, read_manifests},
+    manifest::{check_manifests, read_manifests, refuse_aborting},
     trust::{check_writable, fingerprint},
 };
 
@@ -129,7 +130,10 @@ impl Registry {
         if self.entries.iter().any(|entry| is_known(entry) && is_same_content(&entry.path, path)) {
             return;
         }
-        if let Err(reason) = check_manifests(path, &manifests).and_then(|_| check_writable(path)) {
+        let checked = check_manifests(path, &manifests)
+            .and_then(|_| refuse_aborting(path, &manifests))
+            .and_then(|()| check_writable(path));
+        if let Err(reason) = checked {
             let ids = manifests.into_iter().map(|manifest| manifest.id).collect();
             return self.skipped.push(skipped(ids, reason));
         }
@@ -280,16 +284,46 @@ impl Registry {
         LoadedResetTask::create(&choice.id, self.table(choice)?, config, setup)
     }
 
+    /// An environment in a process of its own.
+    ///
+    /// # Errors
+    /// As for [`environment`](Self::environment); the process cannot be started, or fails on the way.
+    pub fn isolated_environment(
+        &self,
+        choice: &Selection,
+        config: &str,
+        setup: &Setup,
+        isolation: Isolation,
+    ) -> Result<IsolatedEnvironment, PluginError> {
+        let path = self.pinned_file(choice, Kind::Environment)?;
+        IsolatedEnvironment::create(&choice.id, &path, config, setup, isolation)
+    }
+
+    /// A policy in a process of its own.
+    ///
+    /// # Errors
+    /// As for [`isolated_environment`](Self::isolated_environment).
+    pub fn isolated_policy(
+        &self,
+        choice: &Selection,
+        config: &str,
+        setup: &Setup,
+        isolation: Isolation,
+    ) -> Result<IsolatedPolicy, PluginError> {
+        let path = self.pinned_file(choice, Kind::Policy)?;
+        IsolatedPolicy::create(&choice.id, &path, config, setup, isolation)
+    }
+
     /// Which plugin a choice means, from its file alone: nothing is executed.
     ///
     /// # Errors
     /// No file holds it, or the file cannot be read.
     pub fn identify(&self, choice: &Selection, kind: Kind) -> Result<Identity, PluginError> {
         let path = self.file(choice, kind)?;
-        let manifests = read_manifests(path)?;
+        let manifests = read_manifests(&path)?;
         let present = || manifests.iter().map(|manifest| manifest.id.clone()).collect();
         let manifest = manifests.iter().find(|manifest| manifest.id == choice.id).ok_or_else(|| {
-            PluginError::NotInFile { path: path.into(), id: choice.id.clone(), present: present() }
+            PluginError::NotInFile { path: path.clone(), id: choice.id.clone(), present: present() }
         })?;
         Ok(Identity {
             id: choice.id.clone(),
@@ -297,27 +331,37 @@ impl Registry {
             version: manifest.version.clone(),
             interface: format!("{}.{}", manifest.abi.0, manifest.abi.1),
             language: manifest.language.clone(),
-            sha256: fingerprint(path)?,
+            sha256: fingerprint(&path)?,
         })
     }
 
-    fn file<'a>(&'a self, choice: &'a Selection, kind: Kind) -> Result<&'a Path, PluginError> {
-        match &choice.path {
-            Some(path) => Ok(path),
-            None => Ok(&self.find(&choice.id, kind)?.path),
+    /// The file of a plugin. One in which a panic aborts counts: it may be isolated, and is refused where it is loaded.
+    fn file(&self, choice: &Selection, kind: Kind) -> Result<PathBuf, PluginError> {
+        if let Some(path) = &choice.path {
+            return Ok(path.clone());
+        }
+        match self.find(&choice.id, kind) {
+            Ok(entry) => Ok(entry.path.clone()),
+            Err(PluginError::PanicAborts { path, .. }) => Ok(path),
+            Err(error) => Err(error),
         }
     }
 
-    fn table<T: KindTable>(&self, choice: &Selection) -> Result<&'static T, PluginError> {
-        let path = self.file(choice, T::KIND)?;
+    /// The file of a plugin, if it is the one that the experiment pins.
+    fn pinned_file(&self, choice: &Selection, kind: Kind) -> Result<PathBuf, PluginError> {
+        let path = self.file(choice, kind)?;
         if let Some(pinned) = &choice.sha256 {
-            let found = fingerprint(path)?;
+            let found = fingerprint(&path)?;
             if found != *pinned {
-                let (path, id) = (path.into(), choice.id.clone());
+                let id = choice.id.clone();
                 return Err(PluginError::NotPinned { path, id, pinned: pinned.clone(), found });
             }
         }
-        self.library(path)?.table(&choice.id)
+        Ok(path)
+    }
+
+    fn table<T: KindTable>(&self, choice: &Selection) -> Result<&'static T, PluginError> {
+        self.library(&self.pinned_file(choice, T::KIND)?)?.table(&choice.id)
     }
 
     /// The library at `path`, loaded once.

@@ -4,18 +4,21 @@ use std::time::Duration;
 
 use rand::Rng;
 use rand_pcg::Pcg64;
-use shield_api::{Learner, Setup, Space, Spaces};
+use shield_api::{Environment, Learner, Policy, Setup, Space, Spaces};
 
 use crate::{
     agent::{Agent, ForwardAgent},
     evaluation::Evaluator,
     experience::{AgentRole, Experience},
     experiment::{
-        EvaluatedAgent, EvaluationConfig, Experiment, Forward, InputError, Mode, PluginChoice, RuleConfig,
-        Variant,
+        EvaluatedAgent, EvaluationConfig, Experiment, Forward, InputError, Mode, OnWorkerFailure,
+        PluginChoice, RuleConfig, Variant, WorkerConfig,
     },
     joint_loop::{LoopRandomness, LoopSettings, Participants},
-    plugin::{self, PluginError, Registry, Selection},
+    plugin::{
+        self, PluginError, Registry, Selection,
+        isolated::{Isolation, OnFailure, RestartFlag},
+    },
     shield::{Ladder, LadderSettings, RuleTree},
     world::World,
 };
@@ -122,11 +125,9 @@ impl Builder<'_> {
     fn world(&self, environment: Stream, task: Stream) -> Result<World, InputError> {
         let choice = &self.experiment.environment;
         let setup = Setup::new(derived_seed(self.seed, environment), self.experiment.threads, plugin::host());
-        let environment = self
-            .registry
-            .environment(&self.selection(choice), choice.config.get_ron(), &setup)
-            .map_err(|error| self.input_error("environment", error))?;
-        let spaces = shield_api::Environment::spec(&environment).spaces;
+        let (environment, restarts) =
+            self.environment(choice, &setup).map_err(|error| self.input_error("environment", error))?;
+        let spaces = environment.spec().spaces;
         let task: Option<Box<dyn shield_api::ResetTask>> = match &self.experiment.reset_task {
             None => None,
             Some(choice) => Some(Box::new(
@@ -135,7 +136,33 @@ impl Builder<'_> {
                     .map_err(|error| self.input_error("reset_task", error))?,
             )),
         };
-        World::new(Box::new(environment), task).map_err(|error| self.refused("environment", &error))
+        let world = World::new(environment, task).map_err(|error| self.refused("environment", &error))?;
+        Ok(world.restarted_by(restarts))
+    }
+
+    /// The environment and, if it can be put in the place of a lost one, the flag that says so.
+    fn environment(
+        &self,
+        choice: &PluginChoice,
+        setup: &Setup,
+    ) -> Result<(Box<dyn Environment>, Option<RestartFlag>), PluginError> {
+        let (selection, config) = (self.selection(choice), choice.config.get_ron());
+        Ok(match isolation(choice) {
+            None => (Box::new(self.registry.environment(&selection, config, setup)?), None),
+            Some(isolation) => {
+                let environment = self.registry.isolated_environment(&selection, config, setup, isolation)?;
+                let restarts = environment.was_restarted();
+                (Box::new(environment), Some(restarts))
+            }
+        })
+    }
+
+    fn policy(&self, choice: &PluginChoice, setup: &Setup) -> Result<Box<dyn Policy>, PluginError> {
+        let (selection, config) = (self.selection(choice), choice.config.get_ron());
+        Ok(match isolation(choice) {
+            None => Box::new(self.registry.policy(&selection, config, setup)?),
+            Some(isolation) => Box::new(self.registry.isolated_policy(&selection, config, setup, isolation)?),
+        })
     }
 
     fn forward(&self, spaces: &Spaces) -> Result<ForwardAgent, InputError> {
@@ -149,9 +176,8 @@ impl Builder<'_> {
                 Ok(ForwardAgent::Learner(Box::new(agent)))
             }
             Forward::Policy(choice) => {
-                let policy = self.registry.policy(&self.selection(choice), choice.config.get_ron(), &setup);
-                let policy = policy.map_err(|error| self.input_error("forward", error))?;
-                Ok(ForwardAgent::Policy(Box::new(policy)))
+                let policy = self.policy(choice, &setup);
+                Ok(ForwardAgent::Policy(policy.map_err(|error| self.input_error("forward", error))?))
             }
         }
     }
@@ -282,6 +308,19 @@ impl Builder<'_> {
     fn refused(&self, path: &str, error: &shield_api::Error) -> InputError {
         self.variant.error_at(path, None, error.message())
     }
+}
+
+/// How the plugin is isolated, if it is. The time limits were checked with the experiment.
+fn isolation(choice: &PluginChoice) -> Option<Isolation> {
+    let WorkerConfig { on_failure, start_timeout_s, step_timeout_s } = choice.worker;
+    choice.isolate.then(|| Isolation {
+        on_failure: match on_failure {
+            OnWorkerFailure::Error => OnFailure::Error,
+            OnWorkerFailure::Restart => OnFailure::Restart,
+        },
+        start_timeout: Duration::from_secs_f64(start_timeout_s),
+        step_timeout: Duration::from_secs_f64(step_timeout_s),
+    })
 }
 
 /// The action of the space that is nearest to zero: usually the one that does least.

@@ -59,6 +59,8 @@ pub struct Summary {
     pub hard_resets_by_kind: BTreeMap<String, u64>,
     /// Entries into irreversible states.
     pub irreversible_entries: u64,
+    /// Times that another process took the place of an isolated environment's; a hard reset follows each.
+    pub worker_restarts: u64,
     /// Mean return of the last evaluation.
     pub final_return: Option<f64>,
     /// Mean return of the best evaluation.
@@ -138,6 +140,7 @@ impl Summary {
             hard_reset_cost: counters.hard_reset_cost,
             hard_resets_by_kind: BTreeMap::new(),
             irreversible_entries: counters.irreversible_entries,
+            worker_restarts: counters.worker_restarts,
             final_return: None,
             best_return: None,
             success_rate: None,

@@ -12,7 +12,7 @@ use shield_runtime::{
     experience::{AgentShare, Experience, Transition},
     plugin::{Registry, SearchPath, Selection, host},
     shield::{Agents, Ladder, LadderSettings, Moment},
-    world::World,
+    world::{Stepped, World},
 };
 use shield_tests::plugins_folder;
 
@@ -51,7 +51,7 @@ fn allocations_per_run(environment: &str, q_min: &str) -> (u64, usize) {
                     .abort()
                     .is_some(),
             );
-            let outcome = world.step(&action).unwrap();
+            let Stepped::Made(outcome) = world.step(&action).unwrap() else { panic!("nothing is isolated") };
             let transition = Transition {
                 observation: world.observation(),
                 action: &action,

@@ -9,5 +9,7 @@ mod c;
 mod doors;
 mod fixtures;
 mod instances;
+mod isolated;
+mod isolated_runs;
 mod misbehaving;
 mod scanning;

@@ -148,7 +148,7 @@ impl Drop for Handle {
 }
 
 /// The spaces in which an instance of any kind but an environment works.
-pub(super) fn spaces(id: &str, setup: &Setup) -> Result<Spaces, PluginError> {
+pub(in crate::plugin) fn spaces(id: &str, setup: &Setup) -> Result<Spaces, PluginError> {
     setup.spaces().cloned().map_err(|_| PluginError::Create {
         id: id.into(),
         kind: ErrorKind::InvalidArgument,
@@ -162,7 +162,7 @@ pub(super) fn described_wrongly(id: &str, message: impl Into<String>) -> PluginE
 }
 
 /// An error of a new instance's first call, as one of its making.
-pub(super) fn while_creating(id: &str, error: &Error) -> PluginError {
+pub(in crate::plugin) fn while_creating(id: &str, error: &Error) -> PluginError {
     let message = error.message().strip_prefix(&format!("{id}: ")).unwrap_or(error.message()).to_string();
     PluginError::Create { id: id.into(), kind: error.kind(), message }
 }

@@ -1,0 +1,59 @@
+//! Whole runs with a plugin that ends its own process.
+
+use std::{fs, path::Path, process::Output};
+
+use serde_json::Value;
+use shield_tests::shield;
+
+use crate::fixtures::fixture;
+
+/// A run in which the environment ends its process at the 31st step that it makes there.
+fn run(folder: &Path, end: &str, isolation: &str) -> Output {
+    let library = fixture("deadly");
+    let experiment = format!(
+        r#"Experiment(
+    name: "deadly", steps: 100, seeds: [0], mode: StatusQuo,
+    environment: (plugin: "deadly/world", path: {library:?}, config: (end: {end:?}, after: 30), {isolation}),
+    forward: Policy(plugin: "deadly/actor", path: {library:?}),
+)"#
+    );
+    fs::write(folder.join("x.ron"), experiment).unwrap();
+    shield().current_dir(folder).args(["run", "x.ron"]).output().unwrap()
+}
+
+fn summary(folder: &Path) -> Value {
+    let path = folder.join("runs/deadly/default/seed-0/summary.json");
+    serde_json::from_slice(&fs::read(path).unwrap()).unwrap()
+}
+
+#[test]
+fn a_segmentation_fault_in_an_isolated_environment_ends_the_program() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = run(folder.path(), "fault", "isolate: true");
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{message}");
+    assert!(message.contains("SIGSEGV") && message.contains("failed after 30 steps"), "{message}");
+    let summary = summary(folder.path());
+    assert_eq!((&summary["steps"], &summary["complete"]), (&30.into(), &false.into()));
+    assert!(summary["error"].as_str().unwrap().contains("deadly/world"), "{summary}");
+}
+
+#[test]
+fn a_hang_is_not_cut_short_by_the_limit_of_the_experiment() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = run(folder.path(), "hang", "isolate: true, worker: (step_timeout_s: 0.5)");
+    let message = String::from_utf8_lossy(&output.stderr);
+    assert!(message.contains("no answer within 0.5 s"), "{message}");
+}
+
+#[test]
+fn a_lost_world_ends_the_run_although_it_may_be_started_again() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = run(folder.path(), "exit", "isolate: true, worker: (on_failure: Restart)");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let summary = summary(folder.path());
+    assert_eq!((&summary["steps"], &summary["worker_restarts"]), (&100.into(), &3.into()), "{summary}");
+    assert_eq!(summary["hard_resets"], 3);
+    let metrics = fs::read_to_string(folder.path().join("runs/deadly/default/seed-0/metrics.csv")).unwrap();
+    assert_eq!(metrics.matches("worker_lost").count(), 3, "{metrics}");
+}
