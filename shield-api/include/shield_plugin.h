@@ -24,6 +24,8 @@
 #define SHIELD_EXTENSION_STARTS "shield.environment.starts/1"
 // Extension of an environment: `CostsTable`.
 #define SHIELD_EXTENSION_COSTS "shield.environment.costs/1"
+// Extension of an environment: `RenderTable`.
+#define SHIELD_EXTENSION_RENDER "shield.environment.render/1"
 
 // The statuses. A number that is not listed counts as `FAILED`(status::FAILED).
 // The call did what it should.
@@ -269,6 +271,23 @@ typedef struct ShieldCostsTable {
   // Stores the index of the kind that a hard reset from the present state would be.
   int32_t (*present)(ShieldInstance *instance, size_t *index);
 } ShieldCostsTable;
+
+// Extension of environments: pictures of the present state.
+typedef struct ShieldRenderTable {
+  // Size of this struct in bytes.
+  size_t struct_size;
+  // Stores the width and height in pixels of a picture that suits.
+  int32_t (*size)(ShieldInstance *instance, uint32_t *width, uint32_t *height);
+  // Draws the present state, and changes nothing. `pixels` holds `length` = `3 × width × height` bytes: rows from the top, pixels
+  // from the left, red, green, blue. `shades` is empty, or holds for each observation of a discrete space a figure from 0 to 1 to
+  // shade its place by, NaN for none; whoever cannot shows none.
+  int32_t (*render)(ShieldInstance *instance,
+                    uint32_t width,
+                    uint32_t height,
+                    struct ShieldFloats shades,
+                    uint8_t *pixels,
+                    size_t length);
+} ShieldRenderTable;
 
 // What `LearnerTable::info` fills.
 typedef struct ShieldLearnerInfoView {

@@ -23,6 +23,8 @@ pub const ENTRY_SYMBOL: &str = "shield_plugin_entry_v1";
 pub const EXTENSION_STARTS: &str = "shield.environment.starts/1";
 /// Extension of an environment: [`CostsTable`].
 pub const EXTENSION_COSTS: &str = "shield.environment.costs/1";
+/// Extension of an environment: [`RenderTable`].
+pub const EXTENSION_RENDER: &str = "shield.environment.render/1";
 
 /// What a call returns: one of the constants in [`status`].
 pub type Status = i32;
@@ -336,6 +338,27 @@ pub struct CostsTable {
     ) -> usize,
     /// Stores the index of the kind that a hard reset from the present state would be.
     pub present: unsafe extern "C" fn(instance: *mut Instance, index: *mut usize) -> i32,
+}
+
+/// Extension of environments: pictures of the present state.
+#[repr(C)]
+#[derive(Debug, StableAbi)]
+pub struct RenderTable {
+    /// Size of this struct in bytes.
+    pub struct_size: usize,
+    /// Stores the width and height in pixels of a picture that suits.
+    pub size: unsafe extern "C" fn(instance: *mut Instance, width: *mut u32, height: *mut u32) -> i32,
+    /// Draws the present state, and changes nothing. `pixels` holds `length` = `3 × width × height` bytes: rows from the top, pixels
+    /// from the left, red, green, blue. `shades` is empty, or holds for each observation of a discrete space a figure from 0 to 1 to
+    /// shade its place by, NaN for none; whoever cannot shows none.
+    pub render: unsafe extern "C" fn(
+        instance: *mut Instance,
+        width: u32,
+        height: u32,
+        shades: Floats,
+        pixels: *mut u8,
+        length: usize,
+    ) -> i32,
 }
 
 /// What [`LearnerTable::info`] fills.

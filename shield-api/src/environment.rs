@@ -1,6 +1,6 @@
 //! Environments: the world in which the agents act.
 
-use crate::{Checkpoint, Error, Result, Spaces};
+use crate::{Checkpoint, Error, Frame, Result, Spaces};
 
 /// What an environment says of itself.
 #[derive(Debug, Clone, PartialEq)]
@@ -163,5 +163,19 @@ pub trait Environment: Checkpoint {
     /// The environment cannot tell.
     fn reset_kind(&self) -> Result<usize> {
         Err(Error::unsupported("kinds of hard resets"))
+    }
+
+    /// Width and height in pixels of a picture that suits [`render`](Self::render).
+    fn frame_size(&self) -> [usize; 2] {
+        [320, 240]
+    }
+
+    /// Draws the present state. Changes nothing: with pictures or without, the environment goes on bit for bit the same.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Unsupported`](crate::ErrorKind::Unsupported) by default; the picture is too large, or this machine cannot draw.
+    fn render(&mut self, frame: &mut Frame<'_>) -> Result<()> {
+        let _ = frame;
+        Err(Error::unsupported("drawing"))
     }
 }

@@ -8,6 +8,7 @@ mod config;
 mod environment;
 mod error;
 pub mod export;
+mod frame;
 mod learner;
 pub mod manifest;
 mod plugin;
@@ -21,6 +22,7 @@ pub use abort_rule::{
 pub use config::{Field, PluginConfig, ron_options};
 pub use environment::{Environment, EnvironmentSpec, ResetKind, StepOutcome};
 pub use error::{Error, ErrorKind, Position, Result, check_finite, check_length};
+pub use frame::Frame;
 pub use learner::{ActMode, Batch, Learner, LearnerInfo};
 pub use plugin::{Checkpoint, Host, LogLevel, Plugin, Setup};
 pub use policy::Policy;

@@ -34,6 +34,7 @@ Examples:
   shield run my.ron --set shield.rules[0].config.q_min=5 --out elsewhere
   shield resume runs/quickstart                            go on with what was stopped or killed
   shield plugin list                                       what can be named in an experiment
+  shield env check mujoco/cliff-cheetah                    what must hold of every environment
   shield env bench mujoco/cliff-cheetah                    how fast an environment steps
   shield plugin info ddpg                                  its configuration, to copy from
   shield plugin new acme/my-rule --kind abort-rule         a plugin of your own, ready to build
@@ -49,7 +50,7 @@ enum Command {
     /// Finds, shows, makes and pins plugins.
     #[command(subcommand)]
     Plugin(plugin::PluginCommand),
-    /// Lists and measures environments.
+    /// Lists, checks and measures environments.
     #[command(subcommand)]
     Env(env::EnvCommand),
     /// Serves one isolated plugin to the process that started this one.

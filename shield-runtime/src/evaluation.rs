@@ -1,61 +1,88 @@
-//! Evaluation: greedy episodes in a second instance of the environment, apart from everything that the run counts.
+//! Evaluation: greedy episodes in other instances of the environment, apart from everything that the run counts.
 
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
-use shield_api::{ActMode, Learner, Result};
+use shield_api::{ActMode, Error, Learner, Result};
 
 use crate::{
     agent::ForwardAgent,
+    batch::{Batch, Lane},
     checkpoint::{PluginState, restore_rules, save_rules},
     experiment::EvaluatedAgent,
     observer::{EvaluationRecord, Tally},
-    shield::{Agents, Ladder, Moment},
-    world::{Stepped, World},
+    shield::{self, Ladder, Moment},
+    world::Stepped,
 };
 
 /// What an evaluator carries from one evaluation to the next: each begins with a hard reset, which leaves these as they are.
 #[derive(Serialize, Deserialize)]
 pub(crate) struct EvaluatorState {
-    pub reset_task: Option<PluginState>,
+    /// One per world.
+    pub reset_tasks: Vec<Option<PluginState>>,
     pub rules: Vec<PluginState>,
 }
 
-/// Runs greedy episodes. Every evaluation of a run starts from the same seeds, so that two differ by the agent alone.
+/// Runs greedy episodes, as many at the same time as there are worlds. Every evaluation of a run starts from the same seeds, so that two
+/// differ by the agent alone.
 pub struct Evaluator {
-    world: World,
+    batch: Batch,
     shield: Option<Ladder>,
     agent: EvaluatedAgent,
     start: Option<String>,
     episodes: u32,
     seed: u64,
-    action: Vec<f32>,
     previous: Vec<f32>,
 }
 
+/// The agents as an evaluation borrows them.
+struct Agents<'a> {
+    forward: Option<&'a mut ForwardAgent>,
+    reset: Option<&'a mut (dyn Learner + 'a)>,
+}
+
+/// An episode under way, or done.
+#[derive(Clone, Copy, Default)]
+struct Episode {
+    tally: Tally,
+    irreversible_entries: u64,
+    was_irreversible: bool,
+}
+
 impl Evaluator {
-    /// Evaluates `agent` in `world` over `episodes` episodes; through `shield`, with rules of its own, if there is one.
+    /// Evaluates `agent` in the worlds of `batch` over `episodes` episodes; through `shield`, with rules of its own, if there is one. Rules
+    /// follow one episode at a time: with a shield the batch must hold a single world.
+    ///
+    /// # Errors
+    /// There is no world, or more than one for a shield.
     pub fn new(
-        world: World,
+        mut batch: Batch,
         shield: Option<Ladder>,
         agent: EvaluatedAgent,
         start: Option<String>,
         episodes: u32,
         seed: u64,
-    ) -> Self {
-        let action = vec![0.0; world.spec().spaces.action_len()];
-        Self { world, shield, agent, start, episodes, seed, previous: action.clone(), action }
+    ) -> Result<Self> {
+        let worlds = batch.lanes().len();
+        if worlds == 0 || (shield.is_some() && worlds > 1) {
+            return Err(Error::invalid_argument(format!("{worlds} worlds cannot be evaluated in")));
+        }
+        let previous = batch.lanes()[0].action.clone();
+        Ok(Self { batch, shield, agent, start, episodes, seed, previous })
     }
 
     pub(crate) fn save(&mut self) -> Result<EvaluatorState> {
+        let lanes = self.batch.lanes().iter();
         Ok(EvaluatorState {
-            reset_task: self.world.save_reset_task()?,
+            reset_tasks: lanes.map(|lane| lane.world.save_reset_task()).collect::<Result<_>>()?,
             rules: save_rules(self.shield.as_mut())?,
         })
     }
 
     pub(crate) fn restore(&mut self, state: &EvaluatorState) -> Result<()> {
-        self.world.restore_reset_task(state.reset_task.as_ref())?;
+        for (lane, task) in self.batch.lanes().iter_mut().zip(&state.reset_tasks) {
+            lane.world.restore_reset_task(task.as_ref())?;
+        }
         restore_rules(self.shield.as_mut(), &state.rules)
     }
 
@@ -63,23 +90,28 @@ impl Evaluator {
     ///
     /// # Errors
     /// A plugin failed.
-    pub fn run(
+    pub fn run<'a>(
         &mut self,
         step: u64,
-        mut forward: Option<&mut ForwardAgent>,
-        mut reset: Option<&mut dyn Learner>,
+        forward: Option<&'a mut ForwardAgent>,
+        reset: Option<&'a mut (dyn Learner + 'a)>,
     ) -> Result<EvaluationRecord> {
+        let mut agents = Agents { forward, reset };
         let mut seeds = Pcg64::seed_from_u64(self.seed);
+        let seeds: Vec<u64> = (0..self.episodes).map(|_| seeds.next_u64()).collect();
+        let mut episodes = Vec::new();
+        for wave in seeds.chunks(self.batch.lanes().len()) {
+            episodes.extend(self.wave(step, wave, &mut agents)?);
+        }
         let mut record =
             EvaluationRecord { step, mean_return: 0.0, success_rate: 0.0, irreversible_entries: 0, steps: 0 };
-        for _ in 0..self.episodes {
-            self.world.hard_reset(self.start.as_deref(), seeds.next_u64())?;
-            let tally = self.episode(step, &mut forward, &mut reset, &mut record)?;
+        for Episode { tally, irreversible_entries, .. } in episodes {
             let (gain, has_succeeded) = match self.agent {
                 EvaluatedAgent::Forward => (tally.forward_return, tally.success),
                 EvaluatedAgent::Reset => (tally.reset_return, tally.visited_reset_set),
             };
             record.steps += tally.length;
+            record.irreversible_entries += irreversible_entries;
             record.mean_return += gain;
             record.success_rate += f64::from(u8::from(has_succeeded));
         }
@@ -88,49 +120,66 @@ impl Evaluator {
         Ok(record)
     }
 
-    fn episode(
-        &mut self,
-        step: u64,
-        forward: &mut Option<&mut ForwardAgent>,
-        reset: &mut Option<&mut dyn Learner>,
-        record: &mut EvaluationRecord,
-    ) -> Result<Tally> {
-        let mut tally = Tally::default();
-        let mut was_irreversible = false;
-        for _ in 0..self.world.spec().episode_length {
-            let observation = self.world.observation();
-            match (self.agent, &mut *forward, &mut *reset) {
-                (EvaluatedAgent::Forward, Some(forward), _) => {
-                    forward.act(observation, ActMode::Greedy, &mut self.action)?;
-                }
-                (EvaluatedAgent::Reset, _, Some(reset)) => {
-                    reset.act(observation, ActMode::Greedy, &mut self.action)?;
-                }
-                _ => {
-                    return Err(shield_api::Error::failed(
-                        "the agent to be evaluated does not exist in this mode",
-                    ));
+    /// One episode per seed, all at the same time: the agent acts for one world after the other, then all worlds step.
+    fn wave(&mut self, step: u64, seeds: &[u64], agents: &mut Agents<'_>) -> Result<Vec<Episode>> {
+        let mut episodes = vec![Episode::default(); seeds.len()];
+        for (lane, seed) in self.batch.lanes().iter_mut().zip(seeds) {
+            lane.world.hard_reset(self.start.as_deref(), *seed)?;
+            lane.is_running = true;
+        }
+        while self.batch.lanes().iter().any(|lane| lane.is_running) {
+            for (index, episode) in episodes.iter().enumerate() {
+                if self.batch.lanes()[index].is_running {
+                    self.act(step, index, episode.tally.length > 0, agents)?;
                 }
             }
-            if let (Some(shield), Some(reset)) = (&mut self.shield, &mut *reset) {
-                let moment =
-                    Moment { step, observation, previous: (tally.length > 0).then_some(&self.previous) };
-                let forward = forward.as_deref_mut().and_then(ForwardAgent::learner);
-                let agents = Agents { reset: &mut **reset, forward };
-                // A rejected action is replaced by the reset agent's for this step: the shield as deployed.
-                shield.filter(agents, &moment, &mut self.action);
-            }
-            // An episode whose world was lost ends there.
-            let Stepped::Made(outcome) = self.world.step(&self.action)? else { break };
-            self.world.advance();
-            self.previous.copy_from_slice(&self.action);
-            record.irreversible_entries += u64::from(outcome.irreversible && !was_irreversible);
-            was_irreversible = outcome.irreversible;
-            tally += &outcome;
-            if outcome.terminated {
-                break;
+            self.batch.step();
+            for (lane, episode) in self.batch.lanes().iter_mut().zip(&mut episodes) {
+                if lane.is_running {
+                    episode.take(lane)?;
+                }
             }
         }
-        Ok(tally)
+        Ok(episodes)
+    }
+
+    /// Chooses the next action of a lane.
+    fn act(&mut self, step: u64, lane: usize, has_previous: bool, agents: &mut Agents<'_>) -> Result<()> {
+        let Lane { world, action, .. } = &mut self.batch.lanes()[lane];
+        let observation = world.observation();
+        let Agents { forward, reset } = agents;
+        match (self.agent, &mut *forward, &mut *reset) {
+            (EvaluatedAgent::Forward, Some(forward), _) => {
+                forward.act(observation, ActMode::Greedy, action)?
+            }
+            (EvaluatedAgent::Reset, _, Some(reset)) => reset.act(observation, ActMode::Greedy, action)?,
+            _ => return Err(Error::failed("the agent to be evaluated does not exist in this mode")),
+        }
+        if let (Some(shield), Some(reset)) = (&mut self.shield, reset) {
+            let moment = Moment { step, observation, previous: has_previous.then_some(&self.previous) };
+            let forward = forward.as_deref_mut().and_then(ForwardAgent::learner);
+            // A rejected action is replaced by the reset agent's for this step: the shield as deployed.
+            shield.filter(shield::Agents { reset: &mut **reset, forward }, &moment, action);
+        }
+        self.previous.copy_from_slice(action);
+        Ok(())
+    }
+}
+
+impl Episode {
+    /// Counts a lane's last step, and stops the lane where it ends the episode.
+    fn take(&mut self, lane: &mut Lane) -> Result<()> {
+        let Stepped::Made(outcome) = lane.outcome()? else {
+            // An episode whose world was lost ends there.
+            lane.is_running = false;
+            return Ok(());
+        };
+        lane.world.advance();
+        self.irreversible_entries += u64::from(outcome.irreversible && !self.was_irreversible);
+        self.was_irreversible = outcome.irreversible;
+        self.tally += &outcome;
+        let is_last = self.tally.length >= lane.world.spec().episode_length as u64;
+        lane.is_running = !outcome.terminated && !is_last;
+        Ok(())
     }
 }

@@ -1,8 +1,10 @@
 //! The host of the shield: loads plugins, decides, runs the joint loop of both agents, keeps their experience and writes results.
 
 pub mod agent;
+pub mod batch;
 pub mod checkpoint;
 pub mod decision;
+pub mod environment_check;
 pub mod evaluation;
 pub mod experience;
 pub mod experiment;

@@ -20,7 +20,7 @@ mod trust;
 pub use error::PluginError;
 pub use ffi::{
     LoadedAbortRule, LoadedEnvironment, LoadedLearner, LoadedPolicy, LoadedResetTask, clear_metrics,
-    drain_metrics, host, in_metric_scope,
+    drain_metrics, host, host_without_metrics, in_metric_scope,
 };
 pub(crate) use ffi::{Metric, restore_metrics, save_metrics};
 pub use library::Library;

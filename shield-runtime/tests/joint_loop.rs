@@ -10,6 +10,7 @@ use rand_pcg::Pcg64;
 use shield_api::{AbortRule, ActMode, Error, ErrorKind, Needs, Phase, RuleVerdict};
 use shield_runtime::{
     agent::ForwardAgent,
+    batch::Batch,
     evaluation::Evaluator,
     experience::AgentRole,
     experiment::{
@@ -387,7 +388,8 @@ fn evaluation_uses_another_instance_and_counts_apart() {
     let log = evaluated.log.clone();
     let evaluator = |line, shield, agent, start: Option<&str>| {
         let world = World::new(Box::new(line), None).unwrap();
-        Evaluator::new(world, shield, agent, start.map(str::to_string), 2, 7)
+        Evaluator::new(Batch::new(vec![world], 1).unwrap(), shield, agent, start.map(str::to_string), 2, 7)
+            .unwrap()
     };
     let mut scene = Scene::new(25);
     scene.settings.evaluate_every = Some(10);
@@ -412,6 +414,23 @@ fn evaluation_uses_another_instance_and_counts_apart() {
     scene.evaluator = Some(evaluator(Line::new(), Some(shield), EvaluatedAgent::Forward, None));
     let (_, notebook) = scene.run();
     assert_eq!(notebook.evaluations[0].irreversible_entries, 0, "a shielded evaluation does not fall");
+}
+
+#[test]
+fn what_an_evaluation_finds_depends_on_how_many_episodes_run_at_once() {
+    let evaluate = |worlds: usize, threads: usize| {
+        let world = || World::new(Box::new(Line::new()), None).unwrap();
+        let batch = Batch::new((0..worlds).map(|_| world()).collect(), threads).unwrap();
+        let mut evaluator = Evaluator::new(batch, None, EvaluatedAgent::Forward, None, 7, 3).unwrap();
+        let mut policy = ForwardAgent::Policy(Box::new(Scripted::acting(|_, _| 1.0)));
+        [10, 20].map(|step| evaluator.run(step, Some(&mut policy), None).unwrap())
+    };
+    let alone = evaluate(1, 1);
+    assert!(alone[0].steps == 7 * EPISODE as u64 && alone[0].irreversible_entries == 7, "{alone:?}");
+    for (worlds, threads) in [(7, 1), (3, 2), (4, 3), (8, 8)] {
+        assert_eq!(evaluate(worlds, threads), alone, "{worlds} worlds, {threads} threads");
+    }
+    assert!(Evaluator::new(Batch::new(vec![], 1).unwrap(), None, EvaluatedAgent::Reset, None, 1, 0).is_err());
 }
 
 #[test]

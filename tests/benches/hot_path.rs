@@ -1,15 +1,24 @@
 //! What a step costs: the filter with 20 critics against their bare valuation, and the environment against raw `mj_step`.
 
-use std::{fs, hint::black_box};
+use std::{
+    fs,
+    hint::black_box,
+    time::{Duration, Instant},
+};
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use mujoco_rs::prelude::{MjData, MjModel};
 use shield_api::{Environment, Learner, Setup};
 use shield_runtime::{
+    batch::Batch,
     plugin::{LoadedEnvironment, LoadedLearner, Registry, SearchPath, Selection, host},
     shield::{Agents, Ladder, LadderSettings, Moment, RuleTree},
+    world::World,
 };
 use shield_tests::{plugins_folder, workspace};
+
+/// Control steps of a round.
+const EPISODE: u32 = 100;
 
 fn registry() -> Registry {
     Registry::scan(&SearchPath::new([plugins_folder()]))
@@ -54,43 +63,54 @@ fn filter(criterion: &mut Criterion) {
     group.finish();
 }
 
-/// A control step through the plugin against the same substeps of MuJoCo alone.
+/// The least time of a hundred control steps from the same start, of two ways that take turns: what else runs on the machine only slows
+/// them, and slows both.
+fn in_turn(rounds: u32, mut ways: [&mut dyn FnMut(); 2]) -> [Duration; 2] {
+    let mut best = [Duration::MAX; 2];
+    for _ in 0..rounds {
+        for (way, best) in ways.iter_mut().zip(&mut best) {
+            let begun = Instant::now();
+            way();
+            *best = begun.elapsed().min(*best);
+        }
+    }
+    best
+}
+
+#[allow(clippy::print_stdout, reason = "a benchmark's result")]
+fn report(what: &str, [base, other]: [Duration; 2]) {
+    let ratio = other.as_secs_f64() / base.as_secs_f64();
+    println!("{what}, taking turns, the best of each: {other:.2?} and {base:.2?}, ratio {ratio:.3}\n");
+}
+
+/// A control step through the plugin against the same substeps of MuJoCo alone, meeting the same contacts.
 fn step(criterion: &mut Criterion) {
-    let mut group = criterion.benchmark_group("half-cheetah on a plane, 5 substeps");
     let robot = fs::read_to_string(workspace().join("envs/mujoco/src/half_cheetah.xml")).expect("a model");
     let plane = r#"<worldbody><geom type="plane" size="40 40 40" conaffinity="1"/></worldbody></mujoco>"#;
     let model = MjModel::from_xml_string(&robot.replace("</mujoco>", plane)).expect("a model");
     let mut data = MjData::new(&model);
-    // Both fall from the same state and begin anew after 100 control steps, so that they meet the same contacts.
-    let mut steps = 0_u32;
-    group.bench_function("raw mj_step", |bencher| {
-        bencher.iter(|| {
-            steps += 1;
-            if steps.is_multiple_of(100) {
-                data.reset();
-            }
-            for _ in 0..5 {
-                data.step();
-            }
-        });
-    });
+    let mut raw = || {
+        data.reset();
+        for _ in 0..5 * EPISODE {
+            data.step();
+        }
+    };
     let mut cheetah = registry()
         .environment(&Selection::new("mujoco/half-cheetah"), "(start_noise: 0.0)", &Setup::new(0, 1, host()))
         .expect("an environment");
     let mut observation = vec![0.0; cheetah.spec().spaces.observation_len()];
-    cheetah.reset(0, &mut observation).expect("a reset");
     let action = vec![0.0; cheetah.spec().spaces.action_len()];
-    let mut steps = 0_u32;
-    group.bench_function("through the plugin", |bencher| {
-        bencher.iter(|| {
-            steps += 1;
-            if steps.is_multiple_of(100) {
-                cheetah.reset(0, &mut observation).expect("a reset");
-            }
-            cheetah.step(black_box(&action), &mut observation)
-        });
-    });
+    let mut through_plugin = || {
+        cheetah.reset(0, &mut observation).expect("a reset");
+        for _ in 0..EPISODE {
+            cheetah.step(black_box(&action), &mut observation).expect("a step");
+        }
+    };
+    let mut group = criterion.benchmark_group("half-cheetah on a plane, 100 control steps of 5 substeps");
+    group.bench_function("raw mj_step", |bencher| bencher.iter(&mut raw));
+    group.bench_function("through the plugin", |bencher| bencher.iter(&mut through_plugin));
     group.finish();
+    report("through the plugin against raw mj_step", in_turn(1_000, [&mut raw, &mut through_plugin]));
 
     let mut grid = environment("gridworld");
     let mut observation = vec![0.0; grid.spec().spaces.observation_len()];
@@ -104,5 +124,40 @@ fn step(criterion: &mut Criterion) {
     });
 }
 
-criterion_group!(benches, filter, step);
+/// A batch of walkers on one thread against the same on two.
+fn batch(criterion: &mut Criterion) {
+    const WORLDS: usize = 8;
+    let made = |threads| {
+        let world = |seed| {
+            let mut world = World::new(Box::new(environment("mujoco/cliff-walker")), None).expect("a world");
+            world.hard_reset(None, seed).expect("a reset");
+            world
+        };
+        let mut batch = Batch::new((0..WORLDS as u64).map(world).collect(), threads).expect("a batch");
+        batch.lanes().iter_mut().for_each(|lane| lane.is_running = true);
+        batch
+    };
+    let round = |batch: &mut Batch| {
+        for _ in 0..EPISODE {
+            batch.step();
+            for lane in batch.lanes() {
+                lane.outcome().expect("a step");
+                lane.world.advance();
+            }
+        }
+        for lane in batch.lanes() {
+            lane.world.hard_reset(None, 0).expect("a reset");
+        }
+    };
+    let (mut one, mut two) = (made(1), made(2));
+    let (mut on_one, mut on_two) = (|| round(&mut one), || round(&mut two));
+    let mut group = criterion.benchmark_group("8 cliff-walkers, 100 control steps");
+    group.sample_size(10);
+    group.bench_function("1 thread", |bencher| bencher.iter(&mut on_one));
+    group.bench_function("2 threads", |bencher| bencher.iter(&mut on_two));
+    group.finish();
+    report("2 threads against 1", in_turn(100, [&mut on_one, &mut on_two]));
+}
+
+criterion_group!(benches, filter, step, batch);
 criterion_main!(benches);

@@ -2,11 +2,12 @@
 #![forbid(unsafe_code)]
 
 mod map;
+mod picture;
 
 use map::Map;
 use shield_api::{
-    Checkpoint, Environment, EnvironmentSpec, Error, Plugin, Result, Setup, Space, Spaces, StepOutcome,
-    check_length,
+    Checkpoint, Environment, EnvironmentSpec, Error, Frame, Plugin, Result, Setup, Space, Spaces,
+    StepOutcome, check_length,
 };
 
 shield_api::config! {
@@ -128,6 +129,15 @@ impl Environment for Gridworld {
         self.cell = self.successors[self.cell][action];
         self.write_observation(observation);
         Ok(self.outcomes[self.cell])
+    }
+
+    fn frame_size(&self) -> [usize; 2] {
+        picture::size(&self.map)
+    }
+
+    fn render(&mut self, frame: &mut Frame<'_>) -> Result<()> {
+        picture::draw(&self.map, self.cell, frame);
+        Ok(())
     }
 }
 

@@ -4,6 +4,7 @@ use rand::RngExt;
 use rand_pcg::Pcg64;
 use shield_api::{Result, StepOutcome};
 
+use crate::picture::View;
 use crate::simulation::Simulation;
 use crate::task::{Task, check_start_noise};
 
@@ -96,6 +97,10 @@ impl Task for BallInCup {
             // The ball never leaves its string.
             irreversible: false,
         }
+    }
+
+    fn view(&self, _simulation: &Simulation) -> View {
+        View::from_the_side([0.0, 0.0, 0.45], 1.4)
     }
 }
 

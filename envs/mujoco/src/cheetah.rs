@@ -4,6 +4,7 @@ use rand::RngExt;
 use rand_distr::StandardNormal;
 use rand_pcg::Pcg64;
 
+use crate::picture::View;
 use crate::reward::{tolerance, wrapped};
 use crate::simulation::Simulation;
 
@@ -24,6 +25,11 @@ impl Cheetah<'_> {
     /// Of the torso's middle, in the world.
     pub fn height(&self) -> f64 {
         DEFAULT_HEIGHT + self.0.positions()[1]
+    }
+
+    /// From the side, going along; into the pit as well.
+    pub fn view(&self) -> View {
+        View::from_the_side([self.position(), 0.0, self.height().min(DEFAULT_HEIGHT)], 3.5)
     }
 
     pub fn pitch(&self) -> f64 {

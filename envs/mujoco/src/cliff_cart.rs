@@ -4,6 +4,7 @@ use rand::RngExt;
 use rand_pcg::Pcg64;
 use shield_api::{Error, Result, StepOutcome};
 
+use crate::picture::View;
 use crate::reward::{tolerance, wrapped};
 use crate::simulation::Simulation;
 use crate::task::{Task, check_start_noise};
@@ -134,6 +135,10 @@ impl Task for CliffCart {
 
     fn reset_kind(&self, simulation: &Simulation) -> usize {
         usize::from(Cart(simulation).has_fallen())
+    }
+
+    fn view(&self, _simulation: &Simulation) -> View {
+        View::from_the_side([0.2, 0.0, -0.1], 4.0)
     }
 }
 

@@ -4,6 +4,7 @@ use rand_pcg::Pcg64;
 use shield_api::{Result, StepOutcome};
 
 use crate::cheetah::{self, Cheetah, add_noise};
+use crate::picture::View;
 use crate::reward::tolerance;
 use crate::scenery::{Cliff, check_cliff_length};
 use crate::simulation::Simulation;
@@ -71,6 +72,10 @@ impl Task for CliffCheetah {
             // On the cliff the torso's middle is above its top, in every pose.
             irreversible: cheetah.height() < CLIFF_HEIGHT,
         }
+    }
+
+    fn view(&self, simulation: &Simulation) -> View {
+        Cheetah(simulation).view()
     }
 }
 

@@ -3,6 +3,7 @@
 use rand_pcg::Pcg64;
 use shield_api::{Result, StepOutcome};
 
+use crate::picture::View;
 use crate::reward::pseudo_huber;
 use crate::scenery::{Cliff, check_cliff_length};
 use crate::simulation::Simulation;
@@ -90,6 +91,10 @@ impl Task for CliffWalker {
             success: walker.stands() && (walker.speed() - RUNNING).abs() < 0.5,
             irreversible,
         }
+    }
+
+    fn view(&self, simulation: &Simulation) -> View {
+        Walker2d(simulation).view()
     }
 }
 

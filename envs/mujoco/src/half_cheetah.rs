@@ -4,6 +4,7 @@ use rand_pcg::Pcg64;
 use shield_api::{Result, StepOutcome};
 
 use crate::cheetah::{self, Cheetah, add_noise};
+use crate::picture::View;
 use crate::scenery::on_plane;
 use crate::simulation::Simulation;
 use crate::task::{Task, check_start_noise};
@@ -66,6 +67,10 @@ impl Task for HalfCheetah {
             in_reset_set: cheetah.is_reset(),
             ..StepOutcome::default()
         }
+    }
+
+    fn view(&self, simulation: &Simulation) -> View {
+        Cheetah(simulation).view()
     }
 }
 

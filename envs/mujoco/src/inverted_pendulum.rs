@@ -4,6 +4,7 @@ use rand::RngExt;
 use rand_pcg::Pcg64;
 use shield_api::{Result, StepOutcome};
 
+use crate::picture::View;
 use crate::reward::tolerance;
 use crate::simulation::Simulation;
 use crate::task::{Task, check_start_noise};
@@ -89,6 +90,10 @@ impl Task for InvertedPendulum {
             success: is_upright,
             irreversible: false,
         }
+    }
+
+    fn view(&self, _simulation: &Simulation) -> View {
+        View::from_the_side([0.0, 0.0, 0.2], 2.5)
     }
 }
 

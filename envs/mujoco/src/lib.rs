@@ -9,6 +9,7 @@ mod cliff_walker;
 mod half_cheetah;
 mod inverted_pendulum;
 mod peg_insertion;
+mod picture;
 mod pusher;
 mod reward;
 mod scenery;

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use shield_api::PluginConfig;
 
+use crate::scenery::on_stage;
 use crate::simulation::Simulation;
 use crate::suite::pseudo_random_actions;
 use crate::task::Task;
@@ -44,7 +45,7 @@ fn export<T: Task>(name: &str, folder: &Path) {
     let task = T::new(T::Config::parse("()").unwrap()).unwrap();
     let model = task.model().replace("</mujoco>", WEIGHTLESS);
     let mut simulation = Simulation::new(&model).unwrap();
-    std::fs::write(folder.join(name).with_extension("xml"), model).unwrap();
+    std::fs::write(folder.join(name).with_extension("xml"), on_stage(&model)).unwrap();
     let lines = free_motion(&mut simulation, task.control_step());
     std::fs::write(folder.join(name).with_extension("csv"), lines).unwrap();
 }

@@ -4,6 +4,7 @@ use rand::RngExt;
 use rand_pcg::Pcg64;
 use shield_api::{Result, StepOutcome};
 
+use crate::picture::View;
 use crate::simulation::Simulation;
 use crate::task::{Task, check_start_noise};
 
@@ -121,6 +122,10 @@ impl Task for PegInsertion {
             // The hand never lets go of the peg.
             irreversible: false,
         }
+    }
+
+    fn view(&self, _simulation: &Simulation) -> View {
+        View { target: [0.1, 0.1, -0.2], distance: 1.7, azimuth: 140.0, elevation: -20.0 }
     }
 }
 

@@ -4,6 +4,7 @@ use rand::RngExt;
 use rand_pcg::Pcg64;
 use shield_api::{Error, Result, StepOutcome};
 
+use crate::picture::View;
 use crate::reward::huber_closeness;
 use crate::simulation::Simulation;
 use crate::task::{Task, check_start_noise};
@@ -140,6 +141,10 @@ impl Task for Pusher {
             success: !irreversible && (puck_x - GOAL[0]).hypot(puck_y - GOAL[1]) < 0.08,
             irreversible,
         }
+    }
+
+    fn view(&self, _simulation: &Simulation) -> View {
+        View { target: [0.0, -0.3, -0.3], distance: 1.9, azimuth: 90.0, elevation: -50.0 }
     }
 }
 

@@ -1,7 +1,10 @@
 //! A model and its state: stepping, placing, keeping. Knows no task.
 
 use mujoco_rs::prelude::{MjData, MjModel, MjtState};
-use shield_api::{Error, Result, Space, check_finite};
+use shield_api::{Error, Frame, Result, Space, check_finite};
+
+use crate::picture::{self, View};
+use crate::scenery::on_stage;
 
 /// Everything that the next step depends on, the solver's warm start included: with it, a simulation continues bit for bit.
 const FULL_STATE: u32 = MjtState::mjSTATE_INTEGRATION as u32;
@@ -19,14 +22,14 @@ pub struct Simulation {
 }
 
 impl Simulation {
-    /// Compiles a model and places it in its default pose.
+    /// Compiles a model, on its stage, and places it in its default pose.
     ///
     /// # Errors
     /// The model does not compile, or there is no memory for it.
     pub fn new(xml: &str) -> Result<Self> {
         let failed =
             |error: &dyn std::fmt::Display| Error::failed(format!("MuJoCo refuses the model: {error}"));
-        let model = MjModel::from_xml_string(xml).map_err(|error| failed(&error))?;
+        let model = MjModel::from_xml_string(&on_stage(xml)).map_err(|error| failed(&error))?;
         let control_range = model.actuator_ctrlrange().to_vec();
         let data = MjData::try_new(Box::new(model)).map_err(|error| failed(&error))?;
         let mut simulation = Self { positions_before: data.qpos().to_vec(), data, control_range };
@@ -112,6 +115,14 @@ impl Simulation {
         if !self.data.site_xpos().is_empty() {
             self.data.kinematics();
         }
+    }
+
+    /// Draws the present state and leaves it as it is.
+    ///
+    /// # Errors
+    /// The picture is too large, or this machine cannot draw.
+    pub fn draw(&mut self, view: View, frame: &mut Frame<'_>) -> Result<()> {
+        picture::draw(&mut self.data, view, frame)
     }
 
     /// Appends the full state.

@@ -3,10 +3,11 @@
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use shield_api::{
-    Checkpoint, Environment, EnvironmentSpec, Error, Plugin, PluginConfig, ResetKind, Result, Setup, Space,
-    Spaces, StepOutcome, check_length,
+    Checkpoint, Environment, EnvironmentSpec, Error, Frame, Plugin, PluginConfig, ResetKind, Result, Setup,
+    Space, Spaces, StepOutcome, check_length,
 };
 
+use crate::picture::View;
 use crate::simulation::Simulation;
 
 /// A robot's task: where it starts, what it sees, what is rewarded, what counts as reset and what cannot be undone. The
@@ -53,6 +54,9 @@ pub trait Task: Send + Sized + 'static {
     fn reset_kind(&self, _simulation: &Simulation) -> usize {
         0
     }
+
+    /// Where a picture of the present state is taken from.
+    fn view(&self, simulation: &Simulation) -> View;
 }
 
 /// The environment of a task.
@@ -166,6 +170,11 @@ impl<T: Task> Environment for Robot<T> {
 
     fn reset_kind(&self) -> Result<usize> {
         Ok(self.task.reset_kind(&self.simulation))
+    }
+
+    fn render(&mut self, frame: &mut Frame<'_>) -> Result<()> {
+        let view = self.task.view(&self.simulation);
+        self.simulation.draw(view, frame)
     }
 }
 

@@ -3,6 +3,7 @@
 use rand_pcg::Pcg64;
 use shield_api::{Result, StepOutcome};
 
+use crate::picture::View;
 use crate::scenery::on_plane;
 use crate::simulation::Simulation;
 use crate::task::{Task, check_start_noise};
@@ -68,6 +69,10 @@ impl Task for Walker {
             terminated: !walker.stands(),
             ..StepOutcome::default()
         }
+    }
+
+    fn view(&self, simulation: &Simulation) -> View {
+        Walker2d(simulation).view()
     }
 }
 

@@ -3,6 +3,7 @@
 use rand::RngExt;
 use rand_pcg::Pcg64;
 
+use crate::picture::View;
 use crate::reward::wrapped;
 use crate::simulation::Simulation;
 
@@ -20,6 +21,11 @@ impl Walker2d<'_> {
     /// Of the torso's middle above the ground.
     pub fn height(&self) -> f64 {
         self.0.positions()[1]
+    }
+
+    /// From the side, going along; into the pit as well.
+    pub fn view(&self) -> View {
+        View::from_the_side([self.position(), 0.0, self.height().min(1.0)], 4.0)
     }
 
     pub fn pitch(&self) -> f64 {

@@ -4,13 +4,14 @@ use std::ffi::c_void;
 
 use super::life::{self, buffer, call, copy_text, required};
 use crate::{
-    AbortRule, ActMode, Batch, Environment, Error, Learner, ObservedDecision, Phase, Plugin, Policy, Reason,
-    ResetTask, Result, Rows, RuleContext, Verdict,
+    AbortRule, ActMode, Batch, Environment, Error, Frame, Learner, ObservedDecision, Phase, Plugin, Policy,
+    Reason, ResetTask, Result, Rows, RuleContext, Verdict,
     abi::{
-        AbortRuleTable, BatchView, CostsTable, EXTENSION_COSTS, EXTENSION_STARTS, EnvironmentTable, Floats,
-        Instance, LearnerInfoView, LearnerTable, LifeTable, ObservedDecisionView, PluginDescriptor,
-        PolicyTable, ResetSignalView, ResetTaskTable, RowSink, RuleContextView, SpaceView, SpecView,
-        StartsTable, StepView, Text, VerdictView, act_mode, kind, need, phase, status, step_flag, verdict,
+        AbortRuleTable, BatchView, CostsTable, EXTENSION_COSTS, EXTENSION_RENDER, EXTENSION_STARTS,
+        EnvironmentTable, Floats, Instance, LearnerInfoView, LearnerTable, LifeTable, ObservedDecisionView,
+        PluginDescriptor, PolicyTable, RenderTable, ResetSignalView, ResetTaskTable, RowSink,
+        RuleContextView, SpaceView, SpecView, StartsTable, StepView, Text, VerdictView, act_mode, kind, need,
+        phase, status, step_flag, verdict,
     },
     check_length,
 };
@@ -162,10 +163,14 @@ unsafe extern "C" fn environment_extension<T: Environment>(name: Text) -> *const
             present: present_reset_kind::<T>,
         }
     };
+    let render: &'static RenderTable = const {
+        &RenderTable { struct_size: size_of::<RenderTable>(), size: frame_size::<T>, render: render::<T> }
+    };
     // SAFETY: the host's text lives for the call.
     match unsafe { name.as_str() } {
         EXTENSION_STARTS => std::ptr::from_ref(starts).cast(),
         EXTENSION_COSTS => std::ptr::from_ref(costs).cast(),
+        EXTENSION_RENDER => std::ptr::from_ref(render).cast(),
         _ => std::ptr::null(),
     }
 }
@@ -197,6 +202,40 @@ unsafe extern "C" fn present_reset_kind<T: Environment>(instance: *mut Instance,
         call::<T>(instance, |holder| {
             *required(index, "the place for the kind")? = holder.value.reset_kind()?;
             Ok(())
+        })
+    }
+}
+
+unsafe extern "C" fn frame_size<T: Environment>(
+    instance: *mut Instance,
+    width: *mut u32,
+    height: *mut u32,
+) -> i32 {
+    // SAFETY: the host's promises, as said above.
+    unsafe {
+        call::<T>(instance, |holder| {
+            let size = holder.value.frame_size().map(|pixels| u32::try_from(pixels).unwrap_or(u32::MAX));
+            *required(width, "the place for the width")? = size[0];
+            *required(height, "the place for the height")? = size[1];
+            Ok(())
+        })
+    }
+}
+
+unsafe extern "C" fn render<T: Environment>(
+    instance: *mut Instance,
+    width: u32,
+    height: u32,
+    shades: Floats,
+    pixels: *mut u8,
+    length: usize,
+) -> i32 {
+    // SAFETY: the host's promises, as said above.
+    unsafe {
+        call::<T>(instance, |holder| {
+            let pixels = buffer(pixels, length, "pixels")?;
+            let frame = Frame::new(width as usize, height as usize, pixels)?;
+            holder.value.render(&mut frame.with_shades(shades.as_slice()))
         })
     }
 }

@@ -116,7 +116,7 @@ pub(super) unsafe fn required<'a, T>(pointer: *mut T, what: &str) -> Result<&'a 
 ///
 /// # Safety
 /// If not null, `pointer` is valid for writing `length` values during the call and not used elsewhere.
-pub(super) unsafe fn buffer<'a>(pointer: *mut f32, length: usize, what: &str) -> Result<&'a mut [f32]> {
+pub(super) unsafe fn buffer<'a, T>(pointer: *mut T, length: usize, what: &str) -> Result<&'a mut [T]> {
     if pointer.is_null() {
         return Err(Error::invalid_argument(format!("{what} is a null pointer")));
     }

@@ -3,10 +3,14 @@
 use std::time::{Duration, Instant};
 
 use clap::{Args, Subcommand};
-use rand::{RngExt, SeedableRng};
+use comfy_table::{ContentArrangement, Table, presets::NOTHING};
+use rand::SeedableRng;
 use rand_pcg::Pcg64;
-use shield_api::{Environment, Setup, Space};
-use shield_runtime::plugin::{Kind, LoadedEnvironment, Registry, Selection, host};
+use shield_api::{Environment, Setup};
+use shield_runtime::{
+    environment_check::{CHECKS, Subject, Verdict, random_action},
+    plugin::{Kind, LoadedEnvironment, Registry, Selection, host},
+};
 
 use super::{Failure, plugin};
 
@@ -14,6 +18,10 @@ use super::{Failure, plugin};
 pub enum EnvCommand {
     /// Lists the environments on the search path, without loading any.
     List,
+    /// Runs an environment through what must hold of every environment, and says what passed, failed or could not be told.
+    ///
+    /// Exit code 1 if something failed. The last check makes 1,200 instances, which takes a few seconds.
+    Check(Named),
     /// Measures how fast an environment steps: random actions, one thread, through the plugin's interface.
     ///
     /// The figure is the best of several rounds, since whatever else runs on the machine only slows it.
@@ -48,7 +56,8 @@ pub struct BenchArguments {
 pub fn run(command: &EnvCommand, registry: &Registry) -> Result<(), Failure> {
     match command {
         EnvCommand::List => plugin::list(registry, Some(Kind::Environment)),
-        EnvCommand::Bench(arguments) => bench(arguments, registry)?,
+        EnvCommand::Check(named) => return check(named, registry),
+        EnvCommand::Bench(arguments) => return bench(arguments, registry),
     }
     Ok(())
 }
@@ -58,6 +67,47 @@ fn make(named: &Named, registry: &Registry) -> Result<LoadedEnvironment, Failure
     registry
         .environment(&Selection::new(&named.id), &named.config, &setup)
         .map_err(|error| Failure::Input(error.to_string()))
+}
+
+fn check(named: &Named, registry: &Registry) -> Result<(), Failure> {
+    let entry =
+        registry.find(&named.id, Kind::Environment).map_err(|error| Failure::Input(error.to_string()))?;
+    // What the user wrote wrongly is no failed check.
+    drop(make(named, registry)?);
+    let make = || -> Result<Box<dyn Environment>, String> {
+        Ok(Box::new(make(named, registry).map_err(|failure| failure.to_string())?))
+    };
+    let subject = Subject {
+        make: &make,
+        is_deterministic: entry.manifest.deterministic,
+        seed: named.seed,
+        allocations: None,
+    };
+    let mut table = Table::new();
+    table.load_preset(NOTHING).set_content_arrangement(ContentArrangement::Dynamic);
+    let mut failed = Vec::new();
+    for check in CHECKS {
+        let (verdict, reason) = match (check.run)(&subject) {
+            Ok(Verdict::Passed(seen)) => ("pass", seen),
+            Ok(Verdict::Skipped(why)) => ("skip", why),
+            Err(what) => {
+                failed.push(check.name);
+                ("FAIL", what)
+            }
+        };
+        table.add_row([verdict, check.name, check.rule, &reason]);
+    }
+    println!("{table}");
+    if failed.is_empty() {
+        return Ok(());
+    }
+    Err(Failure::Run(format!(
+        "{} fails {} of {} checks: {}",
+        named.id,
+        failed.len(),
+        CHECKS.len(),
+        failed.join(", ")
+    )))
 }
 
 fn bench(arguments: &BenchArguments, registry: &Registry) -> Result<(), Failure> {
@@ -96,20 +146,4 @@ fn round(environment: &mut LoadedEnvironment, steps: u32, seed: u64) -> shield_a
         }
     }
     Ok(begun.elapsed())
-}
-
-/// Uniform in the space; an interval without an end reaches 2 far, one without both is [−1, 1].
-fn random_action(space: &Space, rng: &mut Pcg64) -> Vec<f32> {
-    let interval = |low: f32, high: f32| match (low.is_finite(), high.is_finite()) {
-        (true, true) => low..=high,
-        (true, false) => low..=low + 2.0,
-        (false, true) => high - 2.0..=high,
-        (false, false) => -1.0..=1.0,
-    };
-    match space {
-        Space::Discrete { n } => vec![rng.random_range(0..*n) as f32],
-        Space::Box { low, high } => {
-            low.iter().zip(high).map(|(low, high)| rng.random_range(interval(*low, *high))).collect()
-        }
-    }
 }

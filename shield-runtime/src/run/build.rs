@@ -4,10 +4,11 @@ use std::time::Duration;
 
 use rand::Rng;
 use rand_pcg::Pcg64;
-use shield_api::{Environment, Learner, Policy, Setup, Space, Spaces};
+use shield_api::{Environment, Host, Learner, Policy, Setup, Space, Spaces};
 
 use crate::{
     agent::{Agent, ForwardAgent},
+    batch::Batch,
     evaluation::Evaluator,
     experience::{AgentRole, Experience},
     experiment::{
@@ -22,6 +23,9 @@ use crate::{
     shield::{Ladder, LadderSettings, RuleTree},
     world::World,
 };
+
+/// Instances of the environment that an evaluation has at most. A constant, so that results do not depend on the machine.
+const MOST_LANES: u64 = 4;
 
 /// A run that can start.
 pub struct Prepared {
@@ -77,7 +81,7 @@ struct Builder<'a> {
 impl Builder<'_> {
     fn prepare(&self) -> Result<Prepared, InputError> {
         let experiment = self.experiment;
-        let world = self.world(Stream::Environment, Stream::ResetTask)?;
+        let world = self.world([Stream::Environment, Stream::ResetTask], 0, plugin::host())?;
         let spaces = world.spec().spaces.clone();
         let mode = &experiment.mode;
         let forward = match mode {
@@ -122,17 +126,25 @@ impl Builder<'_> {
         Ok(Prepared { settings: loop_settings(experiment), participants, randomness })
     }
 
-    fn world(&self, environment: Stream, task: Stream) -> Result<World, InputError> {
+    /// The environment with its reset task, each with a stream of its own. `instance` tells several of one stream apart.
+    fn world(
+        &self,
+        [environment, task]: [Stream; 2],
+        instance: u64,
+        host: Host,
+    ) -> Result<World, InputError> {
         let choice = &self.experiment.environment;
-        let setup = Setup::new(derived_seed(self.seed, environment), self.experiment.threads, plugin::host());
+        let seed = |stream| derived_seed(self.seed, stream).wrapping_add(instance);
+        let setup = Setup::new(seed(environment), self.experiment.threads, host);
         let (environment, restarts) =
             self.environment(choice, &setup).map_err(|error| self.input_error("environment", error))?;
         let spaces = environment.spec().spaces;
+        let setup = Setup::with_spaces(seed(task), self.experiment.threads, host, spaces);
         let task: Option<Box<dyn shield_api::ResetTask>> = match &self.experiment.reset_task {
             None => None,
             Some(choice) => Some(Box::new(
                 self.registry
-                    .reset_task(&self.selection(choice), choice.config.get_ron(), &self.setup(task, &spaces))
+                    .reset_task(&self.selection(choice), choice.config.get_ron(), &setup)
                     .map_err(|error| self.input_error("reset_task", error))?,
             )),
         };
@@ -256,10 +268,19 @@ impl Builder<'_> {
         reset: Option<&dyn Learner>,
         spaces: &Spaces,
     ) -> Result<Evaluator, InputError> {
-        let world = self.world(Stream::EvaluationEnvironment, Stream::EvaluationResetTask)?;
+        // Rules follow one episode at a time; an isolated environment costs a process each.
+        let is_shielded = config.shielded && reset.is_some();
+        let is_isolated = isolation(&self.experiment.environment).is_some();
+        let lanes = if is_shielded || is_isolated { 1 } else { u64::from(config.episodes).clamp(1, MOST_LANES) };
+        let streams = [Stream::EvaluationEnvironment, Stream::EvaluationResetTask];
+        let host = plugin::host_without_metrics();
+        let worlds = (0..lanes).map(|lane| self.world(streams, lane, host));
+        let worlds = worlds.collect::<Result<Vec<World>, InputError>>()?;
         if let Some(start) = &config.start {
-            self.check_start("evaluation.start", start, &world)?;
+            self.check_start("evaluation.start", start, &worlds[0])?;
         }
+        let batch =
+            Batch::new(worlds, self.experiment.threads).map_err(|error| self.refused("threads", &error))?;
         let shield = match reset {
             Some(reset) if config.shielded => Some(self.shield(reset, spaces, Stream::EvaluationRules)?),
             _ => None,
@@ -270,7 +291,8 @@ impl Builder<'_> {
             _ => config.agent,
         };
         let seed = derived_seed(self.seed, Stream::EvaluationSeeds);
-        Ok(Evaluator::new(world, shield, agent, config.start.clone(), config.episodes, seed))
+        Evaluator::new(batch, shield, agent, config.start.clone(), config.episodes, seed)
+            .map_err(|error| self.refused("evaluation", &error))
     }
 
     fn check_start(&self, path: &str, start: &str, world: &World) -> Result<(), InputError> {

@@ -1,10 +1,10 @@
 //! A loaded environment.
 
 use shield_api::{
-    Environment, EnvironmentSpec, ErrorKind, ResetKind, Result, Setup, Space, Spaces, StepOutcome,
+    Environment, EnvironmentSpec, ErrorKind, Frame, ResetKind, Result, Setup, Space, Spaces, StepOutcome,
     abi::{
-        CostsTable, EXTENSION_COSTS, EXTENSION_STARTS, EnvironmentTable, Floats, Instance, SpaceView,
-        SpecView, StartsTable, StepView, Text, step_flag,
+        CostsTable, EXTENSION_COSTS, EXTENSION_RENDER, EXTENSION_STARTS, EnvironmentTable, Floats, Instance,
+        RenderTable, SpaceView, SpecView, StartsTable, StepView, Text, step_flag,
     },
 };
 
@@ -17,6 +17,9 @@ use crate::plugin::{
 /// No environment has more named starts or kinds of hard resets; a plugin that never stops naming them is stopped here.
 const MOST_NAMES: usize = 10_000;
 const LONGEST_NAME: usize = 256;
+/// Of either side, in pixels.
+const LARGEST_FRAME: u32 = 4096;
+const USUAL_FRAME: [usize; 2] = [320, 240];
 const KNOWN_FLAGS: u32 =
     step_flag::IN_RESET_SET | step_flag::TERMINATED | step_flag::SUCCESS | step_flag::IRREVERSIBLE;
 
@@ -26,6 +29,7 @@ pub struct LoadedEnvironment {
     handle: Handle,
     table: &'static EnvironmentTable,
     starts_table: Option<&'static StartsTable>,
+    render_table: Option<&'static RenderTable>,
     starts: Vec<String>,
     costs_table: Option<&'static CostsTable>,
     reset_kinds: Vec<ResetKind>,
@@ -44,10 +48,11 @@ impl LoadedEnvironment {
         let handle = Handle::create(id, &table.life, config, setup)?;
         let spec = read_spec(id, &handle, table)?;
         // SAFETY: under each name a plugin gives the table of that name.
-        let (starts_table, costs_table) = unsafe {
+        let (starts_table, costs_table, render_table) = unsafe {
             (
                 extension::<StartsTable>(id, table, EXTENSION_STARTS)?,
                 extension::<CostsTable>(id, table, EXTENSION_COSTS)?,
+                extension::<RenderTable>(id, table, EXTENSION_RENDER)?,
             )
         };
         let starts = match starts_table {
@@ -58,7 +63,7 @@ impl LoadedEnvironment {
             Some(table) => read_reset_kinds(&handle, table).map_err(|error| while_creating(id, &error))?,
             None => Vec::new(),
         };
-        Ok(Self { handle, table, starts_table, starts, costs_table, reset_kinds, spec })
+        Ok(Self { handle, table, starts_table, starts, costs_table, reset_kinds, render_table, spec })
     }
 
     fn check_observation(&self, function: &str, observation: &[f32]) -> Result<()> {
@@ -155,6 +160,34 @@ impl Environment for LoadedEnvironment {
         }
         let known = self.reset_kinds.len();
         Err(self.handle.broken(format!("`present` gave the kind {index} of a hard reset; there are {known}")))
+    }
+
+    /// The size that the environment proposes, if it can be drawn at all; else, or where it names an impossible one, the usual size.
+    fn frame_size(&self) -> [usize; 2] {
+        let (mut width, mut height) = (0, 0);
+        let asked = self.render_table.map(|table| {
+            // SAFETY: the instance is of this table's plugin; both places live for the call.
+            self.handle.call(|instance| unsafe { (table.size)(instance, &mut width, &mut height) })
+        });
+        let is_possible = (1..=LARGEST_FRAME).contains(&width) && (1..=LARGEST_FRAME).contains(&height);
+        if asked.is_some_and(|asked| asked.is_ok()) && is_possible {
+            [width as usize, height as usize]
+        } else {
+            USUAL_FRAME
+        }
+    }
+
+    fn render(&mut self, frame: &mut Frame<'_>) -> Result<()> {
+        let Some(table) = self.render_table else {
+            return Err(self.handle.error(ErrorKind::Unsupported, "cannot draw itself"));
+        };
+        let shades = Floats::new(frame.shades());
+        let size = [frame.width(), frame.height()].map(|pixels| u32::try_from(pixels).unwrap_or(u32::MAX));
+        let pixels = frame.pixels();
+        // SAFETY: the instance is of this table's plugin; shades and buffer live for the call and are as long as said.
+        self.handle.call(|instance| unsafe {
+            (table.render)(instance, size[0], size[1], shades, pixels.as_mut_ptr(), pixels.len())
+        })
     }
 }
 

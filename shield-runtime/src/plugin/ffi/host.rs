@@ -17,6 +17,9 @@ use shield_api::{
 /// A thread keeps figures of at most so many names: a plugin that makes up names for ever is stopped here.
 const MOST_METRICS: usize = 256;
 
+static WITHOUT_METRICS: HostTable =
+    HostTable { struct_size: size_of::<HostTable>(), log: write_log, metric: drop_metric };
+
 static TABLE: HostTable =
     HostTable { struct_size: size_of::<HostTable>(), log: write_log, metric: keep_metric };
 
@@ -37,6 +40,11 @@ thread_local! {
 /// thread's accumulator, see [`drain_metrics`].
 pub fn host() -> Host {
     Host::from_table(Some(&TABLE))
+}
+
+/// As [`host`], but figures are dropped: for instances that do not belong to what a run measures.
+pub fn host_without_metrics() -> Host {
+    Host::from_table(Some(&WITHOUT_METRICS))
 }
 
 /// Runs `body`; the figures that plugins report on this thread meanwhile are named `scope/name`. So the same figure of two
@@ -104,6 +112,8 @@ unsafe extern "C" fn keep_metric(name: Text, value: f64) {
         .ok();
 }
 
+unsafe extern "C" fn drop_metric(_name: Text, _value: f64) {}
+
 /// Allocates only at the first sight of a name.
 fn add(metrics: &mut Vec<Metric>, scope: &str, name: &str, value: f64) {
     let is_same = |full: &str| match scope {
@@ -147,6 +157,12 @@ mod tests {
         host.metric("loss", 3.0);
         let names: Vec<String> = drained().into_iter().map(|(name, _)| name).collect();
         assert_eq!(names, ["forward/loss", "reset/loss", "loss"]);
+    }
+
+    #[test]
+    fn figures_of_instances_apart_from_the_run_are_mixed_with_its_own() {
+        host_without_metrics().metric("loss", 1.0);
+        assert_eq!(drained(), []);
     }
 
     #[test]

@@ -6,7 +6,7 @@ use std::path::Path;
 use shield_api::{
     abi::{
         ABI_MAJOR, AbortRuleTable, CostsTable, EnvironmentTable, LearnerTable, PluginDescriptor,
-        PluginLibrary, PolicyTable, ResetTaskTable, StartsTable,
+        PluginLibrary, PolicyTable, RenderTable, ResetTaskTable, StartsTable,
     },
     manifest::{Manifest, decode},
 };
@@ -50,6 +50,7 @@ function_tables! {
         ["create", "destroy", "save", "load", "last_error", "get_extension", "evaluate", "observe_start"];
     StartsTable, "starts": ["name", "reset_to"];
     CostsTable, "costs": ["kind", "present"];
+    RenderTable, "render": ["size", "render"];
 }
 
 /// Checks pointer and size of a struct that begins with its own size.
