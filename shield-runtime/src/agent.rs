@@ -42,6 +42,11 @@ impl Agent {
         Self { role, learner, info, buffers, sampler }
     }
 
+    /// The same agent with something around its learner.
+    pub fn map_learner(self, wrap: impl FnOnce(Box<dyn Learner>) -> Box<dyn Learner>) -> Self {
+        Self { learner: wrap(self.learner), ..self }
+    }
+
     /// Ensemble size and discount.
     pub fn info(&self) -> LearnerInfo {
         self.info

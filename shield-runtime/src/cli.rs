@@ -3,6 +3,7 @@
 mod env;
 mod plugin;
 mod progress;
+mod render;
 mod resume;
 mod run;
 mod session;
@@ -34,6 +35,7 @@ Examples:
   shield run my.ron --set shield.rules[0].config.q_min=5 --out elsewhere
   shield resume runs/quickstart                            go on with what was stopped or killed
   shield plugin list                                       what can be named in an experiment
+  shield render examples/gridworld.ron --out grid.gif --train-steps 2000
   shield env check mujoco/cliff-cheetah                    what must hold of every environment
   shield env bench mujoco/cliff-cheetah                    how fast an environment steps
   shield plugin info ddpg                                  its configuration, to copy from
@@ -53,6 +55,12 @@ enum Command {
     /// Lists, checks and measures environments.
     #[command(subcommand)]
     Env(env::EnvCommand),
+    /// Films the joint loop of an experiment, or a policy, off-screen.
+    ///
+    /// Under the picture stand the phase, the counts, and the value that the reset agent gives to what is executed, beside Q_min: a bar from
+    /// its least to its largest member. Early aborts, projected actions and hard resets are marked around it. A gridworld is drawn twice, shaded
+    /// by the reset value and by the early aborts of each cell. Nothing is written but the picture.
+    Render(render::RenderArguments),
     /// Serves one isolated plugin to the process that started this one.
     #[command(hide = true)]
     Worker,
@@ -104,6 +112,7 @@ pub fn main() -> ExitCode {
         Command::Resume(arguments) => resume::run(arguments, &registry),
         Command::Plugin(command) => plugin::run(command, &registry),
         Command::Env(command) => env::run(command, &registry),
+        Command::Render(arguments) => render::render(arguments, &registry),
         Command::Worker => unreachable!("served above, without a search for plugins"),
     };
     match done {

@@ -89,6 +89,11 @@ impl<'a> JointLoop<'a> {
         }
     }
 
+    /// The forward agent as the run leaves it.
+    pub fn into_forward(self) -> Option<ForwardAgent> {
+        self.forward
+    }
+
     /// What the run has counted so far.
     pub fn counters(&self) -> &Counters {
         &self.counters

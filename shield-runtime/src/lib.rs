@@ -8,6 +8,7 @@ pub mod environment_check;
 pub mod evaluation;
 pub mod experience;
 pub mod experiment;
+pub mod film;
 pub mod joint_loop;
 pub mod observer;
 pub mod plugin;

@@ -90,6 +90,11 @@ impl<E: Environment + ?Sized> World<E> {
         self
     }
 
+    /// The same world with something around its environment.
+    pub fn map_environment(self, wrap: impl FnOnce(Box<dyn Environment>) -> Box<dyn Environment>) -> Self {
+        Self { environment: wrap(self.environment), ..self }
+    }
+
     /// What the environment is.
     pub fn spec(&self) -> &EnvironmentSpec {
         &self.spec
