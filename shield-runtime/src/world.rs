@@ -46,6 +46,11 @@ impl World {
     pub fn new(environment: Box<dyn Environment>, reset_task: Option<Box<dyn ResetTask>>) -> Result<Self> {
         Self::around(environment, reset_task)
     }
+
+    /// The same world with something around its environment.
+    pub fn map_environment(self, wrap: impl FnOnce(Box<dyn Environment>) -> Box<dyn Environment>) -> Self {
+        Self { environment: wrap(self.environment), ..self }
+    }
 }
 
 impl<E: Environment + ?Sized> World<E> {
@@ -88,11 +93,6 @@ impl<E: Environment + ?Sized> World<E> {
     pub fn restarted_by(mut self, flag: Option<RestartFlag>) -> Self {
         self.restarts = flag;
         self
-    }
-
-    /// The same world with something around its environment.
-    pub fn map_environment(self, wrap: impl FnOnce(Box<dyn Environment>) -> Box<dyn Environment>) -> Self {
-        Self { environment: wrap(self.environment), ..self }
     }
 
     /// What the environment is.
