@@ -74,7 +74,8 @@ impl LoopState {
             ("reset".into(), agent(&self.reset)),
             (
                 "reset_task".into(),
-                task(&self.world.reset_task) && evaluator.is_none_or(|state| task(&state.reset_task)),
+                task(&self.world.reset_task)
+                    && evaluator.is_none_or(|state| state.reset_tasks.iter().all(task)),
             ),
         ];
         for (index, rule) in self.rules.iter().enumerate() {

@@ -1,0 +1,138 @@
+//! `shield env` and `shield render` as a user meets them, and that a camera changes nothing.
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+use std::{fs, process::Output, sync::atomic::AtomicBool};
+
+use shield_api::{Environment, Learner};
+use shield_runtime::{
+    experiment::ExperimentFile,
+    film::{FilmSettings, Filmer, Picture, SharedEnvironment, SharedLearner},
+    joint_loop::JointLoop,
+    observer::{Counters, Observer},
+    plugin::{Registry, SearchPath},
+    run::{Prepared, prepare},
+};
+use shield_tests::{gridworld, plugins_folder, shield};
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+fn run(arguments: &[&str]) -> Output {
+    shield().args(arguments).output().unwrap()
+}
+
+struct Silent;
+
+impl Observer for Silent {}
+
+fn prepared(steps: u64) -> Prepared {
+    let registry = Registry::scan(&SearchPath::new([plugins_folder()]));
+    let file = ExperimentFile::from_text("x.ron", gridworld(steps, ""));
+    prepare(&registry, &file.variants(&[], None).unwrap()[0], 0).unwrap()
+}
+
+fn finish(prepared: Prepared, observer: &mut dyn Observer) -> Counters {
+    let stop = AtomicBool::new(false);
+    let mut joint =
+        JointLoop::new(prepared.settings, prepared.participants, prepared.randomness, observer, &stop);
+    joint.run().unwrap();
+    *joint.counters()
+}
+
+#[test]
+fn a_camera_changes_the_run_or_misses_a_step() {
+    const STEPS: u64 = 600;
+    let unfilmed = finish(prepared(STEPS), &mut Silent);
+
+    let mut prepared = prepared(STEPS);
+    let (mut environment, mut reset) = (None, None);
+    prepared.participants.world = prepared.participants.world.map_environment(|inner| {
+        Box::new(environment.insert(SharedEnvironment::new(inner)).clone()) as Box<dyn Environment>
+    });
+    prepared.participants.reset = prepared.participants.reset.map(|agent| {
+        agent.map_learner(|inner| {
+            Box::new(reset.insert(SharedLearner::new(inner)).clone()) as Box<dyn Learner>
+        })
+    });
+    let mut pictures: Vec<Picture> = Vec::new();
+    let mut sink = |picture: &Picture| {
+        pictures.push(picture.clone());
+        Ok(())
+    };
+    let settings =
+        FilmSettings { size: Some([60, 60]), from: 0, every: 1, q_min: Some(0.4), largest_value: 1.0 };
+    let mut filmer = Filmer::new(environment.unwrap(), reset, settings, &mut sink);
+    let filmed = finish(prepared, &mut filmer);
+    assert_eq!(filmed, unfilmed);
+    assert!(filmed.early_aborts > 0, "nothing was aborted, so no mark was drawn");
+    assert!(pictures.len() as u64 >= STEPS + filmed.early_aborts, "{} pictures", pictures.len());
+    assert!(pictures.iter().any(|picture| *picture != pictures[0]), "every picture is the same");
+}
+
+#[test]
+fn a_film_is_not_written_or_differs_from_the_last_one() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("x.ron"), gridworld(1_000, "")).unwrap();
+    let film = |out: &str, arguments: &[&str]| {
+        let output = shield()
+            .current_dir(folder.path())
+            .args(["render", "x.ron", "--steps", "30", "--out", out])
+            .args(arguments)
+            .output()
+            .unwrap();
+        assert!(output.status.success(), "{}", text(&output.stderr));
+        let names: Vec<_> = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().path()).collect();
+        assert!(names.iter().all(|name| !name.ends_with(".partial")), "{names:?}");
+        fs::read(folder.path().join(out)).unwrap()
+    };
+    let first = film("a.gif", &["--train-steps", "100"]);
+    assert!(first.starts_with(b"GIF89a") && first.len() > 3_000, "{} bytes", first.len());
+    assert!(first == film("b.gif", &["--train-steps", "100"]), "the same film is another one");
+    for policy in ["forward", "reset", "random"] {
+        let other = film("c.gif", &["--train-steps", "100", "--policy", policy]);
+        assert!(other.starts_with(b"GIF89a") && other != first, "{policy}");
+    }
+    let small = film("d.png", &["--size", "50x50"]);
+    assert!(small.starts_with(b"\x89PNG") && small != film("e.png", &["--size", "90x50"]));
+}
+
+#[test]
+fn what_cannot_be_filmed_is_not_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path().join("x.ron");
+    fs::write(&path, gridworld(1_000, "")).unwrap();
+    let path = path.to_str().unwrap();
+    for (arguments, expected) in [
+        (vec![path, "--out", "x.jpeg"], ".gif, .png or .mp4"),
+        (vec![path, "--out", "/nonexistent/x.gif"], "does not exist"),
+        (vec![path, "--out", "x.gif", "--size", "9x9"], "480x360"),
+        (vec![path, "--out", "x.gif", "--variant", "none"], "none"),
+    ] {
+        let output = run(&[vec!["render"], arguments].concat());
+        assert_eq!(output.status.code(), Some(2), "{}", text(&output.stderr));
+        assert!(text(&output.stderr).contains(expected), "{expected}: {}", text(&output.stderr));
+    }
+}
+
+#[test]
+fn an_environment_cannot_be_listed_checked_or_measured() {
+    let listed = text(&run(&["env", "list"]).stdout);
+    assert!(listed.contains("gridworld") && listed.contains("mujoco/pusher") && !listed.contains("ddpg"));
+    let checked = run(&["env", "check", "gridworld", "--config", "(map: \"two-goals\")"]);
+    let table = text(&checked.stdout);
+    assert!(checked.status.success(), "{table}");
+    assert!(table.contains("pass") && table.contains("reset-set") && !table.contains("FAIL"), "{table}");
+    assert!(text(&run(&["env", "bench", "gridworld", "--rounds", "1"]).stdout).contains("steps/s"));
+    for (arguments, expected) in [
+        (["env", "check", "gridwurld"], "gridwurld"),
+        (["env", "check", "ddpg"], "ddpg"),
+        (["env", "bench", "nothing"], "nothing"),
+    ] {
+        let output = run(&arguments);
+        assert_eq!(output.status.code(), Some(2), "{arguments:?}");
+        assert!(text(&output.stderr).contains(expected));
+    }
+    let refused = run(&["env", "check", "gridworld", "--config", "(mup: 1)"]);
+    assert!(refused.status.code() == Some(2) && text(&refused.stderr).contains("mup"));
+}
