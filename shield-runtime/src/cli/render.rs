@@ -15,6 +15,7 @@ use rand_pcg::Pcg64;
 use shield_api::{ActMode, Environment, Learner};
 use shield_runtime::{
     agent::ForwardAgent,
+    checkpoint::last_checkpoint,
     environment_check::random_action,
     experiment::{Experiment, ExperimentFile, OnResetSuccess, Override, Variant},
     film::{FilmSettings, Filmer, Picture, SharedEnvironment, SharedLearner},
@@ -30,7 +31,7 @@ use encode::Encoder;
 /// Arguments of `shield render`.
 #[derive(Args)]
 pub struct RenderArguments {
-    /// The experiment, a RON file.
+    /// The experiment, a RON file; or the folder of a run, whose agents are filmed as they were last saved and learn no more.
     experiment: PathBuf,
     /// The picture to write: .gif, .mp4 (through the program ffmpeg), or .png (the last picture alone).
     #[arg(long)]
@@ -87,7 +88,13 @@ fn size(text: &str) -> Result<[usize; 2], String> {
 pub fn render(arguments: &RenderArguments, registry: &Registry) -> Result<(), Failure> {
     let variant = variant(arguments)?;
     let seed = arguments.seed.unwrap_or(variant.experiment.seeds[0]);
-    let prepared = prepare(registry, &variant, seed)?;
+    let mut prepared = prepare(registry, &variant, seed)?;
+    if arguments.experiment.is_dir() {
+        let saved =
+            last_checkpoint(&arguments.experiment).map_err(|error| Failure::Input(format!("{error:#}")))?;
+        let restored = prepared.participants.restore_agents(&saved.state);
+        restored.map_err(|error| Failure::Input(error.to_string()))?;
+    }
     let encoder = Encoder::create(&arguments.out, arguments.fps).map_err(Failure::Input)?;
     let q_min = threshold(registry, &variant.experiment);
     film(arguments, &variant, prepared, q_min, encoder, seed)
@@ -97,8 +104,19 @@ pub fn render(arguments: &RenderArguments, registry: &Registry) -> Result<(), Fa
 }
 
 fn variant(arguments: &RenderArguments) -> Result<Variant, Failure> {
-    let file = ExperimentFile::read(&arguments.experiment)?;
-    let sets = arguments.sets.iter().map(|set| Override::parse(set)).collect::<Result<Vec<_>, _>>()?;
+    let mut sets = arguments.sets.iter().map(|set| Override::parse(set)).collect::<Result<Vec<_>, _>>()?;
+    let path = if arguments.experiment.is_dir() {
+        if arguments.train_steps > 0 {
+            let message = "the agents of a run are trained already: --train-steps is for an experiment";
+            return Err(Failure::Input(message.into()));
+        }
+        // It lies behind them.
+        sets.push(Override::new("shield.warm_up_steps", "0", "a run's film")?);
+        arguments.experiment.join("config.ron")
+    } else {
+        arguments.experiment.clone()
+    };
+    let file = ExperimentFile::read(&path)?;
     let only = arguments.variant.as_ref().map(|name| vec![name.clone()]);
     let mut variants = file.variants(&sets, only.as_deref())?;
     Ok(variants.swap_remove(0))
@@ -162,7 +180,7 @@ fn film(
         (None, _) | (_, OnResetSuccess::Terminal) => 1.0,
         (Some(reset), OnResetSuccess::Bootstrap) => 1.0 / (1.0 - reset.info().discount),
     };
-    let is_loop = arguments.policy == Who::Loop;
+    let (is_loop, is_of_run) = (arguments.policy == Who::Loop, arguments.experiment.is_dir());
     let settings = FilmSettings {
         size: arguments.size,
         from: arguments.train_steps,
@@ -171,18 +189,21 @@ fn film(
         largest_value,
     };
     let mut sink = |picture: &Picture| encoder.add(picture);
-    let mut filmer = Filmer::new(environment.clone(), reset.clone(), settings, &mut sink);
+    let filmer = Filmer::new(environment.clone(), reset.clone(), settings, &mut sink);
     let mut loop_settings = prepared.settings;
-    loop_settings.evaluate_every = None;
+    (loop_settings.evaluate_every, loop_settings.checkpoint_every) = (None, None);
+    if is_of_run {
+        loop_settings.updates_per_step = 0;
+    }
     loop_settings.steps = arguments.train_steps + if is_loop { arguments.steps } else { 0 };
-    let progress = Progress::new(&MultiProgress::new(), "filming".into(), loop_settings.steps);
+    let progress = Progress::new(&MultiProgress::new(), "filming".into(), loop_settings.steps, 0);
     let mut observer = Fanout(progress, filmer);
     let stop = AtomicBool::new(false);
     let mut joint = JointLoop::new(loop_settings, participants, prepared.randomness, &mut observer, &stop);
     joint.run()?;
     let forward = joint.into_forward();
-    observer.0.finish();
-    filmer = observer.1;
+    let Fanout(progress, mut filmer) = observer;
+    drop(progress);
     if !is_loop {
         let mut actor = match arguments.policy {
             Who::Forward => Actor::Forward(forward.context("this variant has no forward agent")?),
