@@ -105,7 +105,7 @@ impl Environment for Line {
         let action = action.first().copied().filter(|action| action.is_finite()).unwrap_or(0.0);
         self.position = (self.position + 0.1 * action + self.drift).clamp(-10.0, 10.0);
         if self.fault == Fault::SharedState {
-            self.position += (SHARED.fetch_add(1, Ordering::Relaxed) % 300) as f32 * 1e-6;
+            self.position += (SHARED.fetch_add(1, Ordering::Relaxed) % 1_009) as f32 * 1e-6;
         }
         if self.fault == Fault::Allocates {
             ALLOCATIONS.fetch_add(1, Ordering::Relaxed);
