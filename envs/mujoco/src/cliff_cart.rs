@@ -138,7 +138,7 @@ impl Task for CliffCart {
     }
 
     fn view(&self, _simulation: &Simulation) -> View {
-        View::from_the_side([0.2, 0.0, -0.1], 4.0)
+        View::from_the_side([0.3, 0.0, -0.2], 3.4)
     }
 }
 

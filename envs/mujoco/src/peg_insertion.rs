@@ -125,7 +125,7 @@ impl Task for PegInsertion {
     }
 
     fn view(&self, _simulation: &Simulation) -> View {
-        View { target: [0.1, 0.1, -0.2], distance: 1.7, azimuth: 140.0, elevation: -20.0 }
+        View { target: [0.0, 0.15, -0.25], distance: 1.6, azimuth: 215.0, elevation: -35.0 }
     }
 }
 

@@ -144,7 +144,8 @@ impl Task for Pusher {
     }
 
     fn view(&self, _simulation: &Simulation) -> View {
-        View { target: [0.0, -0.3, -0.3], distance: 1.9, azimuth: 90.0, elevation: -50.0 }
+        // From beyond the table, so that the arm hides neither puck nor goal.
+        View { target: [0.0, -0.3, -0.3], distance: 1.7, azimuth: 270.0, elevation: -50.0 }
     }
 }
 
