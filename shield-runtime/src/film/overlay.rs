@@ -24,6 +24,8 @@ const TRACK: Rgb888 = Rgb888::new(64, 68, 76);
 /// Height of the strip under the pictures, and of the line under each of several.
 const STRIP: usize = 34;
 const TITLE: usize = 14;
+/// Between two pictures.
+const GAP: usize = 8;
 /// So wide that the strip's text fits.
 const LEAST_WIDTH: usize = 320;
 
@@ -74,12 +76,13 @@ pub(super) fn compose(
     let cell = panels.iter().map(|(title, picture)| picture.width().max(6 * title.len() + 6)).max();
     let cell = cell.unwrap_or(0);
     let drawn: usize = panels.iter().map(|(_, picture)| picture.height()).max().unwrap_or(0);
-    let width = (panels.len() * cell).max(LEAST_WIDTH);
+    let all = (panels.len() * (cell + GAP)).saturating_sub(GAP);
+    let width = all.max(LEAST_WIDTH);
     let mut canvas = Picture::new(width, drawn + title + STRIP);
     canvas.fill_solid(&Rectangle::new(Point::zero(), canvas_size(&canvas)), BACKGROUND).ok();
-    let left = (width - panels.len() * cell) / 2;
+    let left = (width - all) / 2;
     for (index, (title, picture)) in panels.iter().enumerate() {
-        let at = left + index * cell;
+        let at = left + index * (cell + GAP);
         canvas.paste(picture, [at + (cell - picture.width()) / 2, 0]);
         write(&mut canvas, title, [at + (cell - 6 * title.len()) / 2, drawn + 2], TEXT);
     }
