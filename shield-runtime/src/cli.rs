@@ -1,12 +1,14 @@
 //! The command line: arguments in, exit code out.
 
 mod env;
+mod explain;
 mod plugin;
 mod progress;
 mod resume;
 mod run;
 mod session;
 mod table;
+mod what_if;
 
 use std::{fmt, process::ExitCode};
 
@@ -33,6 +35,8 @@ Examples:
   shield run examples/gridworld.ron --seeds 0 --variants q_min-0.4
   shield run my.ron --set shield.rules[0].config.q_min=5 --out elsewhere
   shield resume runs/quickstart                            go on with what was stopped or killed
+  shield explain runs/mine/shielded/seed-0 --step 1234     why an action was rejected
+  shield what-if runs/mine/shielded/seed-0 --q-min 5,10    what another threshold would have rejected
   shield plugin list                                       what can be named in an experiment
   shield env bench mujoco/cliff-cheetah                    how fast an environment steps
   shield plugin info ddpg                                  its configuration, to copy from
@@ -46,6 +50,10 @@ enum Command {
     Run(run::RunArguments),
     /// Goes on with the runs of a folder that were stopped or killed, as if they had never been.
     Resume(resume::ResumeArguments),
+    /// Says why the shield rejected an action: rule, members, threshold, and what projection tried.
+    Explain(explain::ExplainArguments),
+    /// Replays the shield's decisions of a run under other settings, and tables what would have been rejected.
+    WhatIf(what_if::WhatIfArguments),
     /// Finds, shows, makes and pins plugins.
     #[command(subcommand)]
     Plugin(plugin::PluginCommand),
@@ -101,6 +109,8 @@ pub fn main() -> ExitCode {
     let done = match &arguments.command {
         Command::Run(arguments) => run::run(arguments, &registry),
         Command::Resume(arguments) => resume::run(arguments, &registry),
+        Command::Explain(arguments) => explain::explain(arguments),
+        Command::WhatIf(arguments) => what_if::what_if(arguments, &registry),
         Command::Plugin(command) => plugin::run(command, &registry),
         Command::Env(command) => env::run(command, &registry),
         Command::Worker => unreachable!("served above, without a search for plugins"),
