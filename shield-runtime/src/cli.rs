@@ -1,6 +1,7 @@
 //! The command line: arguments in, exit code out.
 
 mod env;
+mod explain;
 mod plugin;
 mod progress;
 mod render;
@@ -8,6 +9,7 @@ mod resume;
 mod run;
 mod session;
 mod table;
+mod what_if;
 
 use std::{fmt, process::ExitCode};
 
@@ -34,6 +36,8 @@ Examples:
   shield run examples/gridworld.ron --seeds 0 --variants q_min-0.4
   shield run my.ron --set shield.rules[0].config.q_min=5 --out elsewhere
   shield resume runs/quickstart                            go on with what was stopped or killed
+  shield explain runs/mine/shielded/seed-0 --step 1234     why an action was rejected
+  shield what-if runs/mine/shielded/seed-0 --q-min 5,10    what another threshold would have rejected
   shield plugin list                                       what can be named in an experiment
   shield render examples/gridworld.ron --out grid.gif --train-steps 2000
   shield env check mujoco/cliff-cheetah                    what must hold of every environment
@@ -49,6 +53,10 @@ enum Command {
     Run(run::RunArguments),
     /// Goes on with the runs of a folder that were stopped or killed, as if they had never been.
     Resume(resume::ResumeArguments),
+    /// Says why the shield rejected an action: rule, members, threshold, and what projection tried.
+    Explain(explain::ExplainArguments),
+    /// Replays the shield's decisions of a run under other settings, and tables what would have been rejected.
+    WhatIf(what_if::WhatIfArguments),
     /// Finds, shows, makes and pins plugins.
     #[command(subcommand)]
     Plugin(plugin::PluginCommand),
@@ -110,6 +118,8 @@ pub fn main() -> ExitCode {
     let done = match &arguments.command {
         Command::Run(arguments) => run::run(arguments, &registry),
         Command::Resume(arguments) => resume::run(arguments, &registry),
+        Command::Explain(arguments) => explain::explain(arguments),
+        Command::WhatIf(arguments) => what_if::what_if(arguments, &registry),
         Command::Plugin(command) => plugin::run(command, &registry),
         Command::Env(command) => env::run(command, &registry),
         Command::Render(arguments) => render::render(arguments, &registry),

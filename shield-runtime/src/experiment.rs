@@ -22,8 +22,8 @@ use serde::de::IgnoredAny;
 pub use config::{
     BetweenAttempts, CheckpointConfig, Endings, EvaluatedAgent, EvaluationConfig, ExperienceConfig,
     Experiment, Forward, Mode, OnAbort, OnResetFailure, OnResetSuccess, OnWorkerFailure, PluginChoice,
-    ProjectionConfig, QpConfig, ResetAttempts, ResetTest, RuleConfig, ShieldConfig, Unlimited, Updates,
-    WorkerConfig,
+    ProjectionConfig, QpConfig, RecordConfig, ResetAttempts, ResetTest, RuleConfig, ShieldConfig, Unlimited,
+    Updates, WorkerConfig,
 };
 pub use difference::{Difference, first_difference};
 pub use error::{InputError, Location};

@@ -1,26 +1,26 @@
 //! The joint loop: forward and reset agent take turns (Algorithm 1 of the paper).
 
+mod decide;
 mod parts;
 mod state;
 
 pub use parts::{LoopRandomness, LoopSettings, Participants};
 pub use state::LoopState;
 
-use std::{sync::atomic::AtomicBool, time::Instant};
+use std::sync::atomic::AtomicBool;
 
 use rand::Rng;
-use shield_api::{ActMode, Error, ErrorKind, StepOutcome};
+use shield_api::StepOutcome;
 
 use self::state::Start;
 use crate::{
     agent::{Agent, ForwardAgent},
-    decision::{Abort, Cause, Decision},
     evaluation::Evaluator,
     experience::{AgentRole, AgentShare, Experience, Transition},
     experiment::{BetweenAttempts, Mode, OnResetFailure, OnResetSuccess, ResetTest, Updates},
-    observer::{Counters, EpisodeEnd, EpisodeRecord, HardReset, Intervention, Observer, Tally},
+    observer::{Counters, EpisodeEnd, EpisodeRecord, HardReset, Observer, Tally},
     plugin,
-    shield::{Agents, Attempts, Ladder, Moment},
+    shield::{Attempts, Ladder},
     world::{Stepped, World},
 };
 
@@ -50,6 +50,9 @@ pub struct JointLoop<'a> {
     proposed: Vec<f32>,
     action: Vec<f32>,
     previous: Vec<f32>,
+    /// The environment's state before a decision that is recorded with it.
+    state: Vec<u8>,
+    values: Vec<f32>,
 }
 
 impl<'a> JointLoop<'a> {
@@ -81,6 +84,8 @@ impl<'a> JointLoop<'a> {
             counters: Counters::default(),
             was_irreversible: false,
             has_previous: false,
+            state: Vec::new(),
+            values: Vec::new(),
             last_evaluation: None,
             start: Start::New,
             turn: AgentRole::Forward,
@@ -165,7 +170,7 @@ impl<'a> JointLoop<'a> {
     }
 
     fn forward_episode(&mut self) -> anyhow::Result<EpisodeRecord> {
-        let mut tally = self.begin(AgentRole::Forward);
+        let mut tally = self.begin(AgentRole::Forward)?;
         loop {
             if self.pause(AgentRole::Forward, &tally)? {
                 return Ok(record(AgentRole::Forward, &tally, EpisodeEnd::Interrupted, false));
@@ -190,7 +195,7 @@ impl<'a> JointLoop<'a> {
     }
 
     fn reset_episode(&mut self) -> anyhow::Result<EpisodeRecord> {
-        let mut tally = self.begin(AgentRole::Reset);
+        let mut tally = self.begin(AgentRole::Reset)?;
         loop {
             if self.pause(AgentRole::Reset, &tally)? {
                 return Ok(record(AgentRole::Reset, &tally, EpisodeEnd::Interrupted, false));
@@ -220,15 +225,19 @@ impl<'a> JointLoop<'a> {
     }
 
     /// Begins an episode, or goes on with the one that was under way when the run was stopped.
-    fn begin(&mut self, role: AgentRole) -> Tally {
+    fn begin(&mut self, role: AgentRole) -> anyhow::Result<Tally> {
         if let Start::Within(tally) = std::mem::replace(&mut self.start, Start::New) {
-            return tally;
+            return Ok(tally);
         }
+        let mut tally = Tally::default();
         match role {
             AgentRole::Forward => self.counters.forward_episodes += 1,
-            AgentRole::Reset => self.counters.reset_episodes += 1,
+            AgentRole::Reset => {
+                self.counters.reset_episodes += 1;
+                tally.reset_value = Some(self.reset_value()?);
+            }
         }
-        Tally::default()
+        Ok(tally)
     }
 
     fn is_last(&self, tally: &Tally) -> bool {
@@ -239,85 +248,6 @@ impl<'a> JointLoop<'a> {
     fn lost(&mut self, role: AgentRole, tally: &Tally) -> EpisodeRecord {
         self.counters.worker_restarts += 1;
         record(role, tally, EpisodeEnd::WorkerLost, false)
-    }
-
-    /// Lets the forward agent propose and the shield decide; afterwards `action` may be executed, unless there was an abort.
-    fn propose(&mut self) -> anyhow::Result<Option<Abort>> {
-        let forward = self.forward.as_mut().expect("modes with forward episodes have a forward agent");
-        let observation = self.world.observation();
-        let acted = forward.act(observation, ActMode::Explore, &mut self.action);
-        let (Some(shield), Some(reset)) = (&mut self.shield, &mut self.reset) else {
-            return acted.map(|()| None).map_err(Into::into);
-        };
-        let failure = acted.err();
-        if let Some(error) = &failure {
-            // A panicked plugin never acts again; any other failure may pass, and must not be executed meanwhile.
-            if error.kind() == ErrorKind::Panicked {
-                return Err(error.clone().into());
-            }
-            self.action.fill(f32::NAN);
-        }
-        self.proposed.copy_from_slice(&self.action);
-        let start = Instant::now();
-        let moment = Moment {
-            step: self.counters.steps,
-            observation,
-            previous: self.has_previous.then_some(&self.previous),
-        };
-        let agents = Agents { reset: reset.learner(), forward: forward.learner() };
-        let decision = shield.filter(agents, &moment, &mut self.action);
-        self.observer.on_decision_time(start.elapsed());
-        self.counters.warm_up_decisions += u64::from(decision == Decision::WarmUp);
-        let projection = decision.projection();
-        let rejection = decision.abort().or(projection.map(|projection| projection.rejection));
-        let Some(mut rejection) = rejection else { return Ok(None) };
-        let failure = failure.as_ref().map(Error::message);
-        if failure.is_some() {
-            rejection.cause = Cause::ForwardFailed;
-        }
-        self.counters.projections += u64::from(projection.is_some());
-        self.observer.on_intervention(&Intervention {
-            step: self.counters.steps,
-            role: AgentRole::Forward,
-            proposed: &self.proposed,
-            executed: projection.map(|_| self.action.as_slice()),
-            abort: rejection,
-            projection,
-            reason: failure.unwrap_or(shield.reason()),
-        })?;
-        anyhow::ensure!(!shield.is_broken(), "the shield cannot decide any more: {}", shield.reason());
-        Ok(projection.is_none().then_some(rejection))
-    }
-
-    /// Lets the reset agent act; where its exploration is shielded, a rejected action gives way to its greedy one.
-    fn act_to_reset(&mut self) -> anyhow::Result<()> {
-        let reset = self.reset.as_mut().expect("modes with reset episodes have a reset agent");
-        let observation = self.world.observation();
-        reset.learner().act(observation, ActMode::Explore, &mut self.action)?;
-        let (Some(shield), true) = (&mut self.shield, self.settings.shield_exploration) else {
-            return Ok(());
-        };
-        self.proposed.copy_from_slice(&self.action);
-        let moment = Moment {
-            step: self.counters.steps,
-            observation,
-            previous: self.has_previous.then_some(&self.previous),
-        };
-        let forward = self.forward.as_mut().and_then(ForwardAgent::learner);
-        let agents = Agents { reset: reset.learner(), forward };
-        if let Some(abort) = shield.guard(agents, &moment, &mut self.action).abort() {
-            self.counters.exploration_replaced += 1;
-            self.observer.on_intervention(&Intervention {
-                step: self.counters.steps,
-                role: AgentRole::Reset,
-                proposed: &self.proposed,
-                executed: Some(&self.action),
-                abort,
-                projection: None,
-                reason: shield.reason(),
-            })?;
-        }
-        Ok(())
     }
 
     /// Stores the step for both agents. `reset_continues` is false at the end of a failed reset episode that counts as final.
@@ -341,22 +271,6 @@ impl<'a> JointLoop<'a> {
         self.counters.steps += 1;
         self.counters.irreversible_entries += u64::from(outcome.irreversible && !self.was_irreversible);
         self.was_irreversible = outcome.irreversible;
-    }
-
-    /// Lets the forward agent learn from the action that a rule rejected. What failed is not the fault of its action.
-    fn tell_of_abort(&mut self, abort: Abort) {
-        let Some(reward) = self.settings.on_abort.reward().filter(|_| !abort.cause.is_failure()) else {
-            return;
-        };
-        let observation = self.world.observation();
-        let transition = Transition {
-            observation,
-            action: &self.proposed,
-            next_observation: observation,
-            forward: Some(AgentShare { reward, continues: false }),
-            reset: None,
-        };
-        self.experience.push(&transition, &mut self.randomness.masks);
     }
 
     fn learn(&mut self, in_charge: AgentRole) -> anyhow::Result<()> {
@@ -447,6 +361,7 @@ fn record(role: AgentRole, tally: &Tally, end: EpisodeEnd, has_reset: bool) -> E
         success: tally.success,
         end,
         has_reset,
+        reset_value: tally.reset_value,
         hard_reset: None,
     }
 }

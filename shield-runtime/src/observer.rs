@@ -5,9 +5,10 @@ use std::{ops::AddAssign, time::Duration};
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    decision::{Abort, Projection},
+    decision::{Abort, Decision, Projection},
     experience::{AgentRole, Experience},
     joint_loop::LoopState,
+    shield::Judgement,
 };
 
 /// Why an episode ended.
@@ -59,6 +60,8 @@ pub struct EpisodeRecord {
     pub end: EpisodeEnd,
     /// For a reset episode: whether it succeeded by the configured test.
     pub has_reset: bool,
+    /// For a reset episode: the mean of the ensemble's values of the greedy action at its start.
+    pub reset_value: Option<f32>,
     /// The hard reset that follows, if one does.
     pub hard_reset: Option<HardReset>,
 }
@@ -89,6 +92,44 @@ pub struct Intervention<'a> {
     pub projection: Option<Projection>,
     /// Why, for a person.
     pub reason: &'a str,
+}
+
+/// One decision, whatever it was.
+#[derive(Debug, Clone, Copy)]
+pub struct DecisionRecord<'a> {
+    /// Environment steps before it.
+    pub step: u64,
+    /// Whose action it was.
+    pub role: AgentRole,
+    /// What was decided.
+    pub decision: Decision,
+    /// Why the proposed action was rejected, if it was.
+    pub rejection: Option<Abort>,
+    /// What was observed.
+    pub observation: &'a [f32],
+    /// The proposed action.
+    pub proposed: &'a [f32],
+    /// The action executed before; `None` after a hard reset.
+    pub previous: Option<&'a [f32]>,
+    /// What is executed; `None` where the episode ended.
+    pub executed: Option<&'a [f32]>,
+    /// What the rules were told of the proposed action, and what they compared.
+    pub judgement: &'a Judgement,
+    /// The environment's state before the action, where it is kept.
+    pub state: Option<&'a [u8]>,
+}
+
+impl DecisionRecord<'_> {
+    /// `allow`, `warm_up`, `project`, `abort`, or `replace` where the reset agent's exploration gave way to its greedy action.
+    pub fn verdict(&self) -> &'static str {
+        match self.decision {
+            Decision::Allow | Decision::Resetting => "allow",
+            Decision::WarmUp => "warm_up",
+            Decision::Project(_) => "project",
+            Decision::Abort(_) if self.executed.is_some() => "replace",
+            Decision::Abort(_) => "abort",
+        }
+    }
 }
 
 /// One evaluation.
@@ -184,6 +225,15 @@ pub trait Observer {
         Ok(())
     }
 
+    /// After each decision of the shield, allowed actions too.
+    ///
+    /// # Errors
+    /// The observer cannot go on.
+    fn on_decision(&mut self, decision: &DecisionRecord<'_>) -> anyhow::Result<()> {
+        let _ = decision;
+        Ok(())
+    }
+
     /// After each episode, and after the hard reset that may follow it.
     ///
     /// # Errors
@@ -241,6 +291,11 @@ impl<A: Observer, B: Observer> Observer for Fanout<A, B> {
         self.1.on_intervention(intervention)
     }
 
+    fn on_decision(&mut self, decision: &DecisionRecord<'_>) -> anyhow::Result<()> {
+        self.0.on_decision(decision)?;
+        self.1.on_decision(decision)
+    }
+
     fn on_episode(&mut self, episode: &EpisodeRecord, counters: &Counters) -> anyhow::Result<()> {
         self.0.on_episode(episode, counters)?;
         self.1.on_episode(episode, counters)
@@ -271,6 +326,8 @@ pub(crate) struct Tally {
     pub success: bool,
     pub visited_reset_set: bool,
     pub is_in_reset_set: bool,
+    /// At the start of a reset episode.
+    pub reset_value: Option<f32>,
 }
 
 impl AddAssign<&shield_api::StepOutcome> for Tally {

@@ -110,6 +110,25 @@ impl<E: Environment + ?Sized> World<E> {
         &self.next_observation
     }
 
+    /// Puts the environment into a state that it had saved, in which `observation` was seen. The reset task is not told.
+    ///
+    /// # Errors
+    /// The environment refuses the state, or the observation has another length.
+    pub fn restore_environment(&mut self, state: &[u8], observation: &[f32]) -> Result<()> {
+        check_length("the saved observation", observation, self.observation.len())?;
+        self.environment.load(state)?;
+        self.observation.copy_from_slice(observation);
+        Ok(())
+    }
+
+    /// Appends the environment's state.
+    ///
+    /// # Errors
+    /// It cannot be saved.
+    pub fn save_environment(&self, bytes: &mut Vec<u8>) -> Result<()> {
+        self.environment.save(bytes)
+    }
+
     /// Names of the environment's other starts.
     pub fn starts(&self) -> Vec<String> {
         self.environment.starts()

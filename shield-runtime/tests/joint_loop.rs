@@ -7,15 +7,15 @@ mod common;
 use common::{EPISODE, Line, PIT, Rule, Scene, Scripted, forward_learner, spaces};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use shield_api::{AbortRule, ActMode, Error, ErrorKind, Needs, Phase, RuleVerdict};
+use shield_api::{AbortRule, ActMode, Error, ErrorKind, Needs, Phase, RuleVerdict, Verdict};
 use shield_runtime::{
     agent::ForwardAgent,
     batch::Batch,
     evaluation::Evaluator,
     experience::AgentRole,
     experiment::{
-        BetweenAttempts, Endings, EvaluatedAgent, Mode, OnAbort, OnResetFailure, OnResetSuccess, ResetTest,
-        Updates,
+        BetweenAttempts, Endings, EvaluatedAgent, Mode, OnAbort, OnResetFailure, OnResetSuccess,
+        ProjectionConfig, QpConfig, ResetTest, Updates,
     },
     observer::EpisodeEnd,
     world::World,
@@ -380,6 +380,55 @@ fn a_forward_agent_without_an_action_is_aborted_and_counted() {
     assert_eq!(counters.failed_closed, counters.early_aborts);
     let (_, _, _, cause, reason) = &notebook.interventions[0];
     assert_eq!((cause.as_str(), reason.as_str()), ("forward_failed", "no action today"));
+}
+
+/// Each way in which a decision can fail, in a loop: counted by its cause, reported, and nothing of it executed.
+#[test]
+fn a_failure_is_executed_or_not_counted_by_its_cause() {
+    let says = |value: f32| {
+        Some(Scripted::acting(|_, _| -1.0).valuing(2, move |_, action| match action {
+            1.0 => vec![1.0, value],
+            _ => vec![1.0, 1.0],
+        }))
+    };
+    let proposes = |action: f32| forward_learner(Scripted::acting(move |_, _| action));
+    let qp = || Some(ProjectionConfig::Qp(QpConfig::default()));
+    let mut table: Vec<(&str, Scene)> = Vec::new();
+    for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
+        table.push(("values_failed", Scene { reset: says(bad), ..Scene::new(40) }));
+        let scored = Rule::judging(move |_| Ok(RuleVerdict { verdict: Verdict::Reject, score: bad }));
+        let expected = if bad.is_nan() { "rule_failed" } else { "rejected" };
+        table.push((expected, Scene { rules: vec![scored], ..Scene::new(40) }));
+    }
+    for action in [f32::NAN, f32::INFINITY, 1.5, -1.5] {
+        table.push(("invalid_action", Scene { forward: proposes(action), ..Scene::new(40) }));
+    }
+    table.push(("forward_failed", Scene { forward: proposes(f32::NEG_INFINITY), ..Scene::new(40) }));
+    let failing = Rule::judging(|_| Err(Error::failed("not today")));
+    table.push(("rule_failed", Scene { rules: vec![failing], ..Scene::new(40) }));
+    let strict = || vec![Rule::below(2.0)];
+    table.push(("gradients_failed", Scene { rules: strict(), projection: qp(), ..Scene::new(40) }));
+    let replace = Some(ProjectionConfig::Replace);
+    table.push(("still_rejected", Scene { rules: strict(), projection: replace, ..Scene::new(40) }));
+    let slow = Rule::judging(|_| {
+        std::thread::sleep(std::time::Duration::from_millis(2));
+        Ok(RuleVerdict::from_safe(true, 1.0))
+    });
+    let deadline = Some(std::time::Duration::from_micros(100));
+    table.push(("deadline", Scene { rules: vec![slow], deadline, ..Scene::new(40) }));
+    for (cause, scene) in table {
+        let log = scene.line.log.clone();
+        let (counters, notebook) = scene.run();
+        assert!(counters.early_aborts > 0 && counters.forward_steps == 0, "{cause}");
+        let is_failure = !["rejected", "still_rejected"].contains(&cause);
+        assert_eq!(counters.failed_closed, if is_failure { counters.early_aborts } else { 0 }, "{cause}");
+        assert_eq!(notebook.interventions.len() as u64, counters.early_aborts, "{cause}");
+        for (_, _, executed, found, reason) in &notebook.interventions {
+            assert_eq!((found.as_str(), *executed), (cause, None));
+            assert!(!reason.is_empty(), "{cause} is not explained");
+        }
+        assert!(log.lock().unwrap().iter().all(|(_, action)| *action == -1.0), "{cause}");
+    }
 }
 
 #[test]

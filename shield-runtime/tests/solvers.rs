@@ -5,12 +5,20 @@ use ndarray::{Array1, Array2};
 use rand::{RngExt, SeedableRng};
 use rand_distr::{Distribution, StandardNormal};
 use rand_pcg::Pcg64;
-use shield_runtime::shield::solver::{InteriorPoint, OneRow, Outcome, Program, Solver, Staged};
+use shield_api::{
+    AbortRule, ActMode, Batch, Checkpoint, Learner, LearnerInfo, Needs, Reason, Result, Rows, RuleContext,
+    RuleVerdict, Space, Spaces,
+};
+use shield_runtime::{
+    experiment::{ProjectionConfig, QpConfig},
+    shield::{
+        Agents, Ladder, LadderSettings, Moment, RuleTree,
+        solver::{InteriorPoint, OneRow, Outcome, Program, Solver, Staged},
+    },
+};
 
-/// Programs per property test; `SHIELD_TEST_PROGRAMS` overrides it.
-fn programs() -> u64 {
-    std::env::var("SHIELD_TEST_PROGRAMS").map_or(20_000, |number| number.parse().unwrap())
-}
+/// Programs per property test.
+const PROGRAMS: u64 = 20_000;
 
 /// A program that owns its figures.
 #[derive(Debug, Clone, Default)]
@@ -211,19 +219,126 @@ fn compare(
 
 #[test]
 fn a_solution_of_twelve_dimensions_and_forty_rows_breaks_a_row_or_is_not_the_nearest() {
+    compare_many(PROGRAMS);
+}
+
+#[test]
+#[ignore = "takes minutes"]
+fn one_of_a_million_solutions_breaks_a_row_or_is_not_the_nearest() {
+    compare_many(1_000_000);
+}
+
+fn compare_many(programs: u64) {
     let mut random = Pcg64::seed_from_u64(1);
     let mut solver = Staged::new(InteriorPoint::default());
     let mut tally = Tally::default();
-    for case in 0..programs() {
+    for case in 0..programs {
         let program = Owned::random(&mut random, 1..=12, 40);
         compare(&mut tally, case, &program, &solve(&mut solver, &program), least_distance(&program));
     }
-    println!("{tally:?}");
     // Enough of each kind that the test says something; and hardly a solution is missed.
     let Tally { solved, infeasible, not_converged, compared, missed, nearer } = tally;
     assert!(nearer * 5_000 <= compared, "{tally:?}");
-    assert!(compared > programs() / 10 && infeasible > programs() / 10, "{tally:?}");
+    assert!(compared > programs / 10 && infeasible > programs / 10, "{tally:?}");
     assert!(missed * 500 <= solved && not_converged * 40 <= solved + infeasible, "{tally:?}");
+}
+
+/// A third party's rule: every row holds, to the last bit.
+struct Polytope(Vec<(Vec<f32>, f32)>);
+
+impl Polytope {
+    /// By how much the worst row fails; negative inside.
+    fn excess(&self, action: &[f32]) -> f64 {
+        let excess = |(row, bound): &(Vec<f32>, f32)| {
+            row.iter().zip(action).map(|(slope, value)| f64::from(*slope) * f64::from(*value)).sum::<f64>()
+                - f64::from(*bound)
+        };
+        self.0.iter().map(excess).fold(f64::NEG_INFINITY, f64::max)
+    }
+}
+
+impl Checkpoint for Polytope {}
+
+impl AbortRule for Polytope {
+    fn needs(&self) -> Needs {
+        Needs::default()
+    }
+
+    fn evaluate(&self, context: &RuleContext<'_>, _: &mut Reason<'_>) -> Result<RuleVerdict> {
+        let excess = self.excess(context.proposed) as f32;
+        Ok(RuleVerdict::from_safe(excess <= 0.0, excess))
+    }
+
+    fn linearise(&self, _: &RuleContext<'_>, _: &[f32], rows: &mut dyn Rows) -> Result<()> {
+        self.0.iter().try_for_each(|(row, bound)| rows.push(row, *bound))
+    }
+}
+
+/// Does nothing well.
+struct Idle;
+
+impl Checkpoint for Idle {}
+
+impl Learner for Idle {
+    fn info(&self) -> LearnerInfo {
+        LearnerInfo { members: 1, discount: 0.99 }
+    }
+
+    fn act(&mut self, _: &[f32], _: ActMode, action: &mut [f32]) -> Result<()> {
+        action.fill(0.0);
+        Ok(())
+    }
+
+    fn q_values(&mut self, _: &[f32], _: &[f32], _: &mut [f32]) -> Result<()> {
+        Ok(())
+    }
+
+    fn update(&mut self, _: &Batch<'_>) -> Result<()> {
+        Ok(())
+    }
+}
+
+#[test]
+fn a_projected_action_is_one_that_the_rules_reject() {
+    filter_many(PROGRAMS / 4);
+}
+
+#[test]
+#[ignore = "takes minutes"]
+fn one_of_a_million_projected_actions_is_one_that_the_rules_reject() {
+    filter_many(1_000_000);
+}
+
+/// Whole decisions: what is executed keeps every row, and the action space, whatever the solver makes of the program.
+fn filter_many(decisions: u64) {
+    let mut random = Pcg64::seed_from_u64(5);
+    let (mut projected, mut aborted) = (0, 0);
+    for case in 0..decisions {
+        let program = Owned::random(&mut random, 1..=12, 40);
+        let width = program.lower.len();
+        let rows: Vec<_> = (0..program.bounds.len())
+            .map(|index| {
+                let row = program.program().row(index).iter().map(|slope| *slope as f32).collect();
+                (row, program.bounds[index] as f32)
+            })
+            .collect();
+        let polytope = Polytope(rows.clone());
+        let spaces = Spaces { observation: Space::unbounded(1), action: Space::uniform(width, -1.0, 1.0) };
+        let settings = LadderSettings { spaces, warm_up_steps: 0, fallback_action: vec![0.0; width] };
+        let mut ladder = Ladder::new(RuleTree::Rule(Box::new(polytope)), &Idle, settings)
+            .and_then(|ladder| ladder.with_projection(ProjectionConfig::Qp(QpConfig::default())))
+            .unwrap();
+        let mut action: Vec<f32> = (0..width).map(|_| random.random_range(-1.0..=1.0)).collect();
+        let moment = Moment { step: 0, observation: &[0.0], previous: None };
+        let decision = ladder.filter(Agents { reset: &mut Idle, forward: None }, &moment, &mut action);
+        assert!(action.iter().all(|value| (-1.0..=1.0).contains(value)), "decision {case}: {action:?}");
+        match decision.abort() {
+            None => assert!(Polytope(rows).excess(&action) <= 0.0, "decision {case}: {program:?} {action:?}"),
+            Some(_) => aborted += 1,
+        }
+        projected += u64::from(decision.projection().is_some());
+    }
+    assert!(projected > decisions / 5 && aborted > decisions / 5, "{projected} projected, {aborted} aborted");
 }
 
 #[test]
@@ -231,11 +346,11 @@ fn a_solution_in_the_plane_is_not_that_of_brute_force() {
     let mut random = Pcg64::seed_from_u64(2);
     let mut solver = Staged::new(InteriorPoint::default());
     let mut tally = Tally::default();
-    for case in 0..programs() {
+    for case in 0..PROGRAMS {
         let program = Owned::random(&mut random, 2..=2, 8);
         compare(&mut tally, case, &program, &solve(&mut solver, &program), brute_force(&program));
     }
-    assert!(tally.compared > programs() / 4 && tally.infeasible > programs() / 20, "{tally:?}");
+    assert!(tally.compared > PROGRAMS / 4 && tally.infeasible > PROGRAMS / 20, "{tally:?}");
     assert!(tally.missed * 500 <= tally.solved && tally.nearer * 5_000 <= tally.compared, "{tally:?}");
 }
 
@@ -244,7 +359,7 @@ fn the_closed_form_of_one_row_is_not_the_interior_points_solution() {
     let mut random = Pcg64::seed_from_u64(3);
     let (mut closed, mut interior) = (OneRow::default(), InteriorPoint::default());
     let (mut solved, mut infeasible) = (0, 0);
-    for case in 0..programs() / 4 {
+    for case in 0..PROGRAMS / 4 {
         let mut program = Owned::random(&mut random, 1..=12, 1);
         while program.bounds.is_empty() {
             program = Owned::random(&mut random, 1..=12, 1);
@@ -269,7 +384,7 @@ fn the_closed_form_of_one_row_is_not_the_interior_points_solution() {
         }
     }
     assert!(
-        solved > programs() / 8 && infeasible > programs() / 1000,
+        solved > PROGRAMS / 8 && infeasible > PROGRAMS / 1000,
         "{solved} solved, {infeasible} infeasible"
     );
 }

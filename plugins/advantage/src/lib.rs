@@ -1,17 +1,12 @@
 //! An abort rule: an action must not be much worse for the reset than what the reset agent itself would do.
 #![forbid(unsafe_code)]
 
-#[path = "../../ensemble-threshold/src/combine.rs"]
-mod combine;
-
 use std::{cell::RefCell, fmt::Write};
 
+use rule_kit::{Combine, Row, require_finite};
 use shield_api::{
-    AbortRule, Checkpoint, Error, Needs, Plugin, Reason, Result, Rows, RuleContext, RuleVerdict, Setup,
-    check_length,
+    AbortRule, Error, Needs, Plugin, Reason, Result, Rows, RuleContext, RuleVerdict, Setup, check_length,
 };
-
-use crate::combine::Combine;
 
 shield_api::config! {
     /// Settings of the rule.
@@ -24,39 +19,26 @@ shield_api::config! {
     }
 }
 
-/// The rule. It holds no state but a buffer.
+/// The rule. It holds no state but buffers.
 #[derive(Debug)]
 pub struct Advantage {
     min_advantage: f32,
     combine: Combine,
     /// The advantage of each member; kept, so that judging allocates nothing.
     advantages: RefCell<Vec<f32>>,
+    row: Row,
 }
 
-impl Checkpoint for Advantage {
-    fn save(&self, _bytes: &mut Vec<u8>) -> Result<()> {
-        Ok(())
-    }
-
-    fn load(&mut self, bytes: &[u8]) -> Result<()> {
-        if bytes.is_empty() {
-            return Ok(());
-        }
-        Err(Error::invalid_argument(format!("this rule has no state, but {} bytes are given", bytes.len())))
-    }
-}
+rule_kit::stateless!(Advantage);
 
 impl Plugin for Advantage {
     type Config = Config;
 
     fn create(config: Config, _setup: &Setup) -> Result<Self> {
         let Config { min_advantage, combine } = config;
-        if !min_advantage.is_finite() {
-            let message = format!("min_advantage is {min_advantage}, but must be finite");
-            return Err(Error::invalid_config(message));
-        }
+        require_finite("min_advantage", min_advantage)?;
         combine.check()?;
-        Ok(Self { min_advantage, combine, advantages: RefCell::default() })
+        Ok(Self { min_advantage, combine, advantages: RefCell::default(), row: Row::default() })
     }
 }
 
@@ -96,7 +78,7 @@ impl AbortRule for Advantage {
     /// V(s) does not depend on the action: the gradients of the advantages are those of the values.
     fn linearise(&self, context: &RuleContext<'_>, gradients: &[f32], rows: &mut dyn Rows) -> Result<()> {
         self.with_advantages(context, |advantages| {
-            self.combine.push_rows(context, advantages, gradients, self.min_advantage, rows)
+            self.combine.push_rows(context, advantages, gradients, self.min_advantage, &self.row, rows)
         })
     }
 }
@@ -110,7 +92,7 @@ shield_api::export_plugin! {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shield_api::{ErrorKind, Host, Phase, PluginConfig, Verdict};
+    use shield_api::{Checkpoint, ErrorKind, Host, Phase, PluginConfig, Verdict};
 
     fn create(config: &str) -> Result<Advantage> {
         Advantage::create(Config::parse(config)?, &Setup::new(0, 1, Host::silent()))

@@ -1,19 +1,14 @@
 //! The paper's abort rule (§4.2, §4.3): an action is executed only if the reset ensemble values it at `q_min` or more.
 #![forbid(unsafe_code)]
 
-mod combine;
 mod threshold;
 
 use std::fmt::Write;
 
-use shield_api::{
-    AbortRule, Checkpoint, Error, Needs, Plugin, Reason, Result, Rows, RuleContext, RuleVerdict, Setup,
-};
+use rule_kit::{Combine, Row};
+use shield_api::{AbortRule, Error, Needs, Plugin, Reason, Result, Rows, RuleContext, RuleVerdict, Setup};
 
-use crate::{
-    combine::Combine,
-    threshold::{Schedule, Threshold},
-};
+use crate::threshold::{Schedule, Threshold};
 
 shield_api::config! {
     /// Settings of the rule.
@@ -39,27 +34,17 @@ shield_api::config! {
 pub struct EnsembleThreshold {
     threshold: Threshold,
     combine: Combine,
+    row: Row,
 }
 
-impl Checkpoint for EnsembleThreshold {
-    fn save(&self, _bytes: &mut Vec<u8>) -> Result<()> {
-        Ok(())
-    }
-
-    fn load(&mut self, bytes: &[u8]) -> Result<()> {
-        if bytes.is_empty() {
-            return Ok(());
-        }
-        Err(Error::invalid_argument(format!("this rule has no state, but {} bytes are given", bytes.len())))
-    }
-}
+rule_kit::stateless!(EnsembleThreshold);
 
 impl Plugin for EnsembleThreshold {
     type Config = Config;
 
     fn create(config: Config, _setup: &Setup) -> Result<Self> {
         config.combine.check()?;
-        Ok(Self { threshold: Threshold::new(&config)?, combine: config.combine })
+        Ok(Self { threshold: Threshold::new(&config)?, combine: config.combine, row: Row::default() })
     }
 }
 
@@ -83,7 +68,7 @@ impl AbortRule for EnsembleThreshold {
 
     fn linearise(&self, context: &RuleContext<'_>, gradients: &[f32], rows: &mut dyn Rows) -> Result<()> {
         let q_min = self.threshold.at(context.step, context.discount);
-        self.combine.push_rows(context, context.values, gradients, q_min, rows)
+        self.combine.push_rows(context, context.values, gradients, q_min, &self.row, rows)
     }
 }
 
@@ -96,7 +81,7 @@ shield_api::export_plugin! {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shield_api::{ErrorKind, Host, Phase, PluginConfig, Verdict};
+    use shield_api::{Checkpoint, ErrorKind, Host, Phase, PluginConfig, Verdict};
 
     fn rule(config: &str) -> EnsembleThreshold {
         let setup = Setup::new(0, 1, Host::silent());

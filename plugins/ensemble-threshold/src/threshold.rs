@@ -2,6 +2,7 @@
 
 use std::f64::consts::PI;
 
+use rule_kit::require_finite;
 use serde::Deserialize;
 use shield_api::{Error, Result};
 
@@ -33,8 +34,8 @@ impl Threshold {
     pub fn new(config: &Config) -> Result<Self> {
         let Config { q_min, final_q_min, schedule, schedule_steps, relative, .. } = *config;
         for (name, value) in [("q_min", Some(q_min)), ("final_q_min", final_q_min)] {
-            if let Some(value) = value.filter(|value| !value.is_finite()) {
-                return Err(Error::invalid_config(format!("{name} is {value}, but must be finite")));
+            if let Some(value) = value {
+                require_finite(name, value)?;
             }
         }
         let last = match (schedule, final_q_min, schedule_steps) {

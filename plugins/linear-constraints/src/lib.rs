@@ -1,12 +1,15 @@
 //! An abort rule of the user's own making: linear constraints A a ≤ b on the action, and how fast it may change.
 #![forbid(unsafe_code)]
 
-use std::fmt::{self, Display, Write};
+use std::{
+    cell::RefCell,
+    fmt::{self, Display, Write},
+};
 
 use serde::Deserialize;
 use shield_api::{
-    AbortRule, Checkpoint, Error, Needs, Plugin, Reason, Result, Rows, RuleContext, RuleVerdict, Setup,
-    Space, check_finite, check_length,
+    AbortRule, Error, Needs, Plugin, Reason, Result, Rows, RuleContext, RuleVerdict, Setup, Space,
+    check_finite, check_length,
 };
 
 /// One constraint, a·action ≤ b.
@@ -34,20 +37,11 @@ shield_api::config! {
 pub struct LinearConstraints {
     constraints: Vec<Constraint>,
     max_change: Vec<f32>,
+    /// A row under construction; kept, so that a projection allocates nothing.
+    row: RefCell<Vec<f32>>,
 }
 
-impl Checkpoint for LinearConstraints {
-    fn save(&self, _bytes: &mut Vec<u8>) -> Result<()> {
-        Ok(())
-    }
-
-    fn load(&mut self, bytes: &[u8]) -> Result<()> {
-        if bytes.is_empty() {
-            return Ok(());
-        }
-        Err(Error::invalid_argument(format!("this rule has no state, but {} bytes are given", bytes.len())))
-    }
-}
+rule_kit::stateless!(LinearConstraints);
 
 impl Plugin for LinearConstraints {
     type Config = Config;
@@ -75,7 +69,7 @@ impl Plugin for LinearConstraints {
                 "give constraints, max_change or both; without, nothing is rejected",
             ));
         }
-        Ok(Self { constraints, max_change: max_change.unwrap_or_default() })
+        Ok(Self { constraints, max_change: max_change.unwrap_or_default(), row: RefCell::default() })
     }
 }
 
@@ -144,7 +138,9 @@ impl AbortRule for LinearConstraints {
         for Constraint { a, b } in &self.constraints {
             rows.push(a, *b)?;
         }
-        let mut row = vec![0.0; context.proposed.len()];
+        let mut row = self.row.borrow_mut();
+        row.clear();
+        row.resize(context.proposed.len(), 0.0);
         for (dimension, limit, previous) in self.changes(context) {
             for sign in [1.0, -1.0] {
                 row[dimension] = sign;
@@ -165,7 +161,7 @@ shield_api::export_plugin! {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shield_api::{ErrorKind, Host, Phase, PluginConfig, Spaces, Verdict};
+    use shield_api::{Checkpoint, ErrorKind, Host, Phase, PluginConfig, Spaces, Verdict};
 
     fn create(config: &str, action: Space) -> Result<LinearConstraints> {
         let spaces = Spaces { observation: Space::unbounded(1), action };

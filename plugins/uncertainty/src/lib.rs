@@ -3,10 +3,10 @@
 
 use std::fmt::Write;
 
+use rule_kit::{Row, require_finite, require_values};
 use serde::Deserialize;
 use shield_api::{
-    AbortRule, Checkpoint, Error, Needs, Plugin, Reason, Result, Rows, RuleContext, RuleVerdict, Setup,
-    check_finite,
+    AbortRule, Error, Needs, Plugin, Reason, Result, Rows, RuleContext, RuleVerdict, Setup, check_finite,
 };
 
 /// How far apart the members are.
@@ -33,31 +33,21 @@ shield_api::config! {
 pub struct Uncertainty {
     limit: f32,
     spread: Spread,
+    row: Row,
 }
 
-impl Checkpoint for Uncertainty {
-    fn save(&self, _bytes: &mut Vec<u8>) -> Result<()> {
-        Ok(())
-    }
-
-    fn load(&mut self, bytes: &[u8]) -> Result<()> {
-        if bytes.is_empty() {
-            return Ok(());
-        }
-        Err(Error::invalid_argument(format!("this rule has no state, but {} bytes are given", bytes.len())))
-    }
-}
+rule_kit::stateless!(Uncertainty);
 
 impl Plugin for Uncertainty {
     type Config = Config;
 
     fn create(config: Config, _setup: &Setup) -> Result<Self> {
         let Config { limit, spread } = config;
-        if !limit.is_finite() || limit < 0.0 {
-            let message = format!("limit is {limit}, but must be finite and not negative");
-            return Err(Error::invalid_config(message));
+        require_finite("limit", limit)?;
+        if limit < 0.0 {
+            return Err(Error::invalid_config(format!("limit is {limit}, but must not be negative")));
         }
-        Ok(Self { limit, spread })
+        Ok(Self { limit, spread, row: Row::default() })
     }
 }
 
@@ -109,13 +99,6 @@ impl Uncertainty {
     }
 }
 
-fn require_values(values: &[f32]) -> Result<()> {
-    if values.is_empty() {
-        return Err(Error::invalid_argument("the reset ensemble's values are missing; this rule needs them"));
-    }
-    Ok(())
-}
-
 impl AbortRule for Uncertainty {
     fn needs(&self) -> Needs {
         Needs { values: true, ..Needs::default() }
@@ -143,15 +126,13 @@ impl AbortRule for Uncertainty {
         let width = proposed.len();
         check_finite("values", values, values.len())?;
         check_finite("gradients", gradients, values.len() * width)?;
-        let mut slopes = vec![0.0; width];
-        for member in 0..values.len() {
-            let sensitivity = self.sensitivity(values, member);
-            let own = &gradients[member * width..(member + 1) * width];
-            slopes.iter_mut().zip(own).for_each(|(sum, slope)| *sum += sensitivity * f64::from(*slope));
-        }
-        let here: f64 = slopes.iter().zip(proposed).map(|(slope, action)| slope * f64::from(*action)).sum();
-        let row: Vec<f32> = slopes.iter().map(|slope| *slope as f32).collect();
-        rows.push(&row, (f64::from(self.limit) - self.measure(values) + here) as f32)
+        let slope = |dimension: usize| {
+            let of_member = |member: usize| f64::from(gradients[member * width + dimension]);
+            let members = 0..values.len();
+            members.map(|member| self.sensitivity(values, member) * of_member(member)).sum::<f64>() as f32
+        };
+        let spread = self.measure(values) as f32;
+        self.row.push_at_most(proposed, spread, (0..width).map(slope), self.limit, rows)
     }
 }
 
@@ -164,7 +145,7 @@ shield_api::export_plugin! {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use shield_api::{ErrorKind, Host, Phase, PluginConfig, Verdict};
+    use shield_api::{Checkpoint, ErrorKind, Host, Phase, PluginConfig, Verdict};
 
     fn rule(config: &str) -> Uncertainty {
         Uncertainty::create(Config::parse(config).unwrap(), &Setup::new(0, 1, Host::silent())).unwrap()

@@ -41,6 +41,9 @@ pub struct Experiment {
     /// Keeping the state of a run, so that it can be continued and its agents be used. `None`: nothing is kept.
     #[serde(default = "usual_checkpoints")]
     pub checkpoint: Option<CheckpointConfig>,
+    /// What is kept of the shield's decisions.
+    #[serde(default)]
+    pub record: RecordConfig,
     /// What one hard reset costs, or a factor to the costs that the environment names; the summary's `hard_reset_cost` is the sum.
     #[serde(default = "one")]
     pub hard_reset_cost: f64,
@@ -498,6 +501,34 @@ pub enum OnResetFailure {
     /// A time-out like any other.
     #[default]
     Bootstrap,
+}
+
+/// What is kept of the shield's decisions, to explain and replay them.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct RecordConfig {
+    /// The decisions of every n-th step are recorded, and every rejection; 0: none at all.
+    pub decisions: u64,
+    /// With the forward decision of every n-th step, the environment's state; 0: never.
+    pub states_every: u64,
+}
+
+impl RecordConfig {
+    /// Whether the decision at `step` is recorded.
+    pub fn takes(&self, step: u64, is_rejection: bool) -> bool {
+        self.decisions > 0 && (is_rejection || step.is_multiple_of(self.decisions) || self.takes_state(step))
+    }
+
+    /// Whether the state at `step` is.
+    pub fn takes_state(&self, step: u64) -> bool {
+        self.states_every > 0 && step.is_multiple_of(self.states_every)
+    }
+}
+
+impl Default for RecordConfig {
+    fn default() -> Self {
+        Self { decisions: 1, states_every: 0 }
+    }
 }
 
 /// Evaluation at fixed intervals; its steps do not count.

@@ -239,6 +239,10 @@ fn values_that_cannot_be_run_are_refused_where_they_stand() {
     );
     check_field("experience: (cost_weight: @-1.0)", "the weight -1 is not finite and at least 0");
     check_field("experience: (cost_weight: @NaN)", "the weight NaN is not finite and at least 0");
+    check_field(
+        "record: (decisions: 0, states_every: @5)",
+        "states are kept with decisions, of which `decisions: 0` keeps none",
+    );
     check_field("experience: (batch: @0)", "a batch needs at least one transition");
     check_field("experience: (batch: @65, capacity: 64)", "a batch of 65 does not fit into a capacity of 64");
     for probability in ["0", "1.5", "-1", "NaN"] {
@@ -297,7 +301,7 @@ fn faults_of_variants_name_the_variant_and_the_override() {
     );
     check_field(
         "variants: {\"a\": [(@\"stepz\", 5)]}",
-        "variant `a`, override `stepz`: unexpected field named `stepz` in `Experiment`, expected one of `name`, `steps`, `seeds`, `mode`, `environment`, `forward`, `reset`, `shield`, `reset_task`, `experience`, `evaluation`, `checkpoint`, `hard_reset_cost`, `threads`, `pins`, or `variants` instead; did you mean `steps`?",
+        "variant `a`, override `stepz`: unexpected field named `stepz` in `Experiment`, expected one of `name`, `steps`, `seeds`, `mode`, `environment`, `forward`, `reset`, `shield`, `reset_task`, `experience`, `evaluation`, `checkpoint`, `record`, `hard_reset_cost`, `threads`, `pins`, or `variants` instead; did you mean `steps`?",
     );
     check_field(
         "variants: {\"a\": [(\"shield\", (\n stop_on_reset: @5))]}",
@@ -544,6 +548,7 @@ Experiment(
         solved_at: 1.0,
     ),
     checkpoint: (every: 10000),
+    record: (decisions: 1, states_every: 0),
     hard_reset_cost: 1.0,
     threads: 2,
 )

@@ -34,6 +34,12 @@ pub(super) fn validate(experiment: &Experiment) -> Checked {
     )?;
     let every = experiment.checkpoint.as_ref().map(|checkpoint| checkpoint.every);
     ensure(every != Some(0), "checkpoint.every", "checkpoints need at least one step between them")?;
+    let record = experiment.record;
+    ensure(
+        record.decisions > 0 || record.states_every == 0,
+        "record.states_every",
+        "states are kept with decisions, of which `decisions: 0` keeps none",
+    )?;
     plugins(experiment)?;
     mode(experiment)?;
     shield(experiment)?;

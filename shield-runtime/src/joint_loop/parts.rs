@@ -7,7 +7,7 @@ use crate::{
     agent::{Agent, ForwardAgent},
     evaluation::Evaluator,
     experience::Experience,
-    experiment::{BetweenAttempts, Endings, Mode, OnAbort, ResetTest, Updates},
+    experiment::{BetweenAttempts, Endings, Mode, OnAbort, RecordConfig, ResetTest, Updates},
     shield::Ladder,
     world::World,
 };
@@ -35,6 +35,8 @@ pub struct LoopSettings {
     pub hard_reset_cost: f64,
     /// How much of a hard reset's cost the reset agent loses.
     pub cost_weight: f32,
+    /// Which decisions the observer hears of.
+    pub record: RecordConfig,
     /// Who learns after a step.
     pub updates: Updates,
     /// Updates after each step.

@@ -14,7 +14,7 @@ use crate::{
     observer::{Counters, Occasion, Snapshot, Tally},
     plugin::{self, Metric},
     shield::Ladder,
-    world::WorldState,
+    world::{World, WorldState},
 };
 
 /// Where a loop begins.
@@ -59,6 +59,14 @@ impl LoopState {
     /// Whether all steps had been made.
     pub fn is_finished(&self) -> bool {
         self.is_finished
+    }
+
+    /// Gives a world's reset task what it had learned of the starts.
+    ///
+    /// # Errors
+    /// The plugin refuses its state.
+    pub fn restore_reset_task(&self, world: &mut World) -> shield_api::Result<()> {
+        world.restore_reset_task(self.world.reset_task.as_ref())
     }
 
     /// The fields of the experiment whose plugins could not save their state. If there are any, the run goes on with new instances of

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use rand::Rng;
 use rand_pcg::Pcg64;
-use shield_api::{Environment, Host, Learner, Policy, Setup, Space, Spaces};
+use shield_api::{Environment, Host, Learner, LearnerInfo, Policy, Setup, Space, Spaces};
 
 use crate::{
     agent::{Agent, ForwardAgent},
@@ -71,6 +71,23 @@ pub fn prepare(registry: &Registry, variant: &Variant, seed: u64) -> Result<Prep
     Builder { registry, variant, experiment: &variant.experiment, seed }.prepare()
 }
 
+/// The rules of a variant as they judge, without projection and deadline, and what the reset agent says of itself.
+pub(super) fn replay_ladder(
+    registry: &Registry,
+    variant: &Variant,
+) -> Result<(Ladder, LearnerInfo), InputError> {
+    let mut bare = variant.clone();
+    (bare.experiment.shield.projection, bare.experiment.shield.deadline_us) = (None, None);
+    if bare.experiment.mode != Mode::Shielded {
+        return Err(bare.error_at("mode", None, "the run had no shield whose decisions could be replayed"));
+    }
+    let seed = bare.experiment.seeds[0];
+    let builder = Builder { registry, variant: &bare, experiment: &bare.experiment, seed };
+    let spaces = builder.world([Stream::Environment, Stream::ResetTask], 0, plugin::host())?.spec().spaces.clone();
+    let reset = builder.reset(&spaces)?;
+    Ok((builder.shield(&*reset, &spaces, Stream::Rules)?, reset.info()))
+}
+
 struct Builder<'a> {
     registry: &'a Registry,
     variant: &'a Variant,
@@ -82,6 +99,10 @@ impl Builder<'_> {
     fn prepare(&self) -> Result<Prepared, InputError> {
         let experiment = self.experiment;
         let world = self.world([Stream::Environment, Stream::ResetTask], 0, plugin::host())?;
+        if experiment.record.states_every > 0 {
+            let kept = world.save_environment(&mut Vec::new());
+            kept.map_err(|error| self.refused("record.states_every", &error))?;
+        }
         let spaces = world.spec().spaces.clone();
         let mode = &experiment.mode;
         let forward = match mode {
@@ -365,6 +386,7 @@ fn loop_settings(experiment: &Experiment) -> LoopSettings {
         on_abort: shield.on_abort,
         hard_reset_cost: experiment.hard_reset_cost,
         cost_weight: experience.cost_weight,
+        record: experiment.record,
         updates: experience.updates,
         updates_per_step: experience.updates_per_step,
         endings: experience.endings(),

@@ -12,6 +12,7 @@ use serde::{Deserialize, Serialize};
 use shield_api::ResetKind;
 
 use super::{
+    decisions::{DecisionLog, DecisionState},
     folder::{RunFolder, write_whole},
     summary::{Evaluations, Identity, Summary},
     tables::{EvaluationRow, InterventionRow, LearningRow, MetricsRow, Table, TimingRow},
@@ -19,7 +20,9 @@ use super::{
 use crate::{
     checkpoint::{CheckpointError, CheckpointStore},
     decision::ProjectionKind,
-    observer::{Counters, EpisodeRecord, EvaluationRecord, Intervention, Observer, Snapshot},
+    observer::{
+        Counters, DecisionRecord, EpisodeRecord, EvaluationRecord, Intervention, Observer, Occasion, Snapshot,
+    },
 };
 
 /// How long finished rows may wait in memory.
@@ -34,6 +37,7 @@ pub struct RecorderState {
     results: Evaluations,
     causes: BTreeMap<String, u64>,
     hard_resets: Vec<(String, u64)>,
+    decisions: DecisionState,
     /// Nanoseconds, and how many decisions took so long.
     decision_times: Vec<(u64, u32)>,
     seconds: f64,
@@ -68,6 +72,7 @@ pub struct Recorder {
     results: Evaluations,
     solved_at: f64,
     deterministic: bool,
+    decisions: DecisionLog,
     causes: BTreeMap<String, u64>,
     /// How many of each of the environment's kinds of hard resets.
     hard_resets: Vec<(String, u64)>,
@@ -113,6 +118,7 @@ impl Recorder {
             evaluations: Table::reopen::<EvaluationRow>(path, lengths)?,
             learning: Table::reopen::<LearningRow<'_>>(path, lengths)?,
             timings: Table::reopen::<TimingRow>(path, lengths)?,
+            decisions: DecisionLog::resume(path.join("decisions"), state.decisions)?,
             folder,
             identity,
             rules,
@@ -177,13 +183,18 @@ impl Recorder {
     }
 
     /// Makes everything written so far last, and says how far that is.
-    fn state(&mut self) -> Result<RecorderState> {
+    fn state(&mut self, occasion: Occasion) -> Result<RecorderState> {
         Ok(RecorderState {
             lengths: self.tables().into_iter().map(Table::sync).collect::<Result<_>>()?,
             episodes: self.episodes,
             results: self.results,
             causes: self.causes.clone(),
             hard_resets: self.hard_resets.clone(),
+            decisions: match occasion {
+                // Parts begin at the same steps in every run of an experiment, wherever it was interrupted.
+                Occasion::Interrupted => self.decisions.suspend()?,
+                Occasion::Periodic | Occasion::Finished => self.decisions.begin_part()?,
+            },
             decision_times: {
                 let recorded = self.decision_ns.iter_recorded();
                 recorded.map(|at| (at.value_iterated_to(), at.count_at_value())).collect()
@@ -198,6 +209,7 @@ impl Recorder {
     /// A file cannot be written.
     pub fn finish(mut self, counters: &Counters, budget: u64, error: Option<String>) -> Result<Summary> {
         self.flush()?;
+        self.decisions.begin_part()?;
         let seconds = self.seconds();
         let quantile = |q| {
             (!self.decision_ns.is_empty()).then(|| self.decision_ns.value_at_quantile(q) as f64 / 1_000.0)
@@ -260,6 +272,10 @@ impl Observer for Recorder {
         Ok(())
     }
 
+    fn on_decision(&mut self, decision: &DecisionRecord<'_>) -> Result<()> {
+        self.decisions.push(decision)
+    }
+
     fn on_episode(&mut self, episode: &EpisodeRecord, counters: &Counters) -> Result<()> {
         if let Some(kind) = episode.hard_reset.and_then(|reset| reset.kind) {
             self.hard_resets[kind].1 += 1;
@@ -280,6 +296,7 @@ impl Observer for Recorder {
             irreversible_entries: counters.irreversible_entries,
             forward_steps: counters.forward_steps,
             hard_reset_cost: counters.hard_reset_cost,
+            reset_value: episode.reset_value,
         })?;
         self.episodes += 1;
         if self.last_flush.elapsed() >= FLUSH_EVERY {
@@ -309,7 +326,7 @@ impl Observer for Recorder {
         if self.checkpoints.is_none() {
             return Ok(());
         }
-        let state = self.state()?;
+        let state = self.state(snapshot.occasion)?;
         if let Some(store) = &mut self.checkpoints {
             store.write(snapshot, &state).context("the checkpoint cannot be written")?;
             self.is_saved_exactly = snapshot.state.unsaved().is_empty();

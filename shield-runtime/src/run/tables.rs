@@ -36,6 +36,7 @@ pub(super) struct MetricsRow {
     pub irreversible_entries: u64,
     pub forward_steps: u64,
     pub hard_reset_cost: f64,
+    pub reset_value: Option<f32>,
 }
 
 /// `interventions.csv`: a rejected action.

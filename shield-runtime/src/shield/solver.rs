@@ -1,5 +1,6 @@
 //! Solvers of the projection: the shortest step that keeps linear rows inside a box.
 
+mod active_set;
 mod interior_point;
 mod one_row;
 mod staged;

@@ -1,7 +1,10 @@
 //! A small world and scripted agents, so that each test can say what happens at every step.
 #![allow(dead_code, clippy::unwrap_used, reason = "part of tests, each of which uses some of it")]
 
-use std::sync::{Arc, Mutex, atomic::AtomicBool};
+use std::{
+    sync::{Arc, Mutex, atomic::AtomicBool},
+    time::Duration,
+};
 
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
@@ -13,7 +16,9 @@ use shield_runtime::{
     agent::{Agent, ForwardAgent},
     evaluation::Evaluator,
     experience::{AgentRole, Experience},
-    experiment::{BetweenAttempts, Endings, Mode, OnAbort, ProjectionConfig, ResetTest, Updates},
+    experiment::{
+        BetweenAttempts, Endings, Mode, OnAbort, ProjectionConfig, RecordConfig, ResetTest, Updates,
+    },
     joint_loop::{JointLoop, LoopRandomness, LoopSettings, Participants},
     observer::{Counters, EpisodeRecord, EvaluationRecord, Intervention, Observer},
     shield::{Ladder, LadderSettings},
@@ -247,6 +252,7 @@ pub struct Scene {
     pub rules: Vec<Box<dyn AbortRule>>,
     pub warm_up_steps: u64,
     pub projection: Option<ProjectionConfig>,
+    pub deadline: Option<Duration>,
     pub evaluator: Option<Evaluator>,
     pub bootstrap_probability: f64,
     /// Transitions that the memory holds: 1, so that every update sees exactly the step before it.
@@ -265,6 +271,7 @@ pub fn settings(steps: u64) -> LoopSettings {
         on_abort: OnAbort::Nothing,
         hard_reset_cost: 1.0,
         cost_weight: 0.0,
+        record: RecordConfig::default(),
         updates: Updates::Active,
         updates_per_step: 1,
         endings: Endings::default(),
@@ -292,6 +299,7 @@ impl Scene {
             rules: vec![Rule::below(0.5)],
             warm_up_steps: 0,
             projection: None,
+            deadline: None,
             evaluator: None,
             bootstrap_probability: 1.0,
             capacity: 1,
@@ -318,6 +326,10 @@ impl Scene {
             .map(|reset| shield(self.rules, reset, self.warm_up_steps));
         let shield = shield.map(|shield| match self.projection {
             Some(projection) => shield.with_projection(projection).unwrap(),
+            None => shield,
+        });
+        let shield = shield.map(|shield| match self.deadline {
+            Some(deadline) => shield.with_deadline(deadline),
             None => shield,
         });
         let participants = Participants {

@@ -6,10 +6,12 @@
 mod malloc_ffi;
 
 use malloc_ffi::allocations;
+use rand::RngExt;
 use rand_pcg::Pcg64;
 use shield_api::{AbortRule, ActMode, Environment, Learner, Setup};
 use shield_runtime::{
     experience::{AgentShare, Experience, Transition},
+    experiment::{ProjectionConfig, QpConfig},
     plugin::{Registry, SearchPath, Selection, host},
     shield::{Agents, Ladder, LadderSettings, Moment},
     world::{Stepped, World},
@@ -77,6 +79,41 @@ fn filter_step_and_store_allocate_nothing() {
             assert_eq!(aborts, expected_aborts);
         }
     }
+}
+
+/// Projections with the rows of 20 members and of linear constraints, several of which decide.
+#[test]
+fn a_projected_action_allocates() {
+    let registry = Registry::scan(&SearchPath::new([plugins_folder()]));
+    let id = Selection::new("mujoco/cliff-cheetah");
+    let spaces = registry.environment(&id, "", &Setup::new(0, 1, host())).unwrap().spec().spaces;
+    let setup = Setup::with_spaces(0, 1, host(), spaces.clone());
+    let networks = "(critics: 20, actor_hidden: [16, 16], critic_hidden: [16, 16], random_steps: 0)";
+    let mut reset = registry.learner(&Selection::new("ddpg"), networks, &setup).unwrap();
+    let rule = |id: &str, config: &str| -> Box<dyn AbortRule> {
+        Box::new(registry.abort_rule(&Selection::new(id), config, &setup).unwrap())
+    };
+    let linear = "(constraints: [(a: [1.0, 1.0, 0.0, 0.0, 0.0, 0.0], b: 0.1), (a: [0.0, 1.0, 1.0, 0.0, 0.0, 0.0], b: 0.1), \
+                  (a: [0.0, 0.0, 1.0, 1.0, 1.0, 1.0], b: 0.1)], max_change: Some([0.5, 0.5, 0.5, 0.5, 0.5, 0.5]))";
+    let rules = vec![rule("linear-constraints", linear), rule("ensemble-threshold", "(q_min: -1e6)")];
+    let settings = LadderSettings { spaces, warm_up_steps: 0, fallback_action: vec![0.0; 6] };
+    let mut ladder = Ladder::new(rules, &reset, settings)
+        .and_then(|ladder| ladder.with_projection(ProjectionConfig::Qp(QpConfig::default())))
+        .unwrap();
+    let mut random = Pcg64::new(3, 4);
+    let (mut projected, observation) = (0, [0.1; 18]);
+    let mut decisions = |count: u64| {
+        for step in 0..count {
+            let mut action: [f32; 6] = std::array::from_fn(|_| random.random_range(-0.4..=0.4));
+            let moment = Moment { step, observation: &observation, previous: Some(&[0.0; 6]) };
+            let agents = Agents { reset: &mut reset, forward: None };
+            projected += usize::from(ladder.filter(agents, &moment, &mut action).projection().is_some());
+        }
+    };
+    decisions(20);
+    let count = allocations(|| decisions(STEPS as u64));
+    assert_eq!(count, 0, "{count} allocations in {STEPS} decisions");
+    assert!(projected > STEPS / 2, "{projected} of {STEPS} were projected");
 }
 
 #[test]

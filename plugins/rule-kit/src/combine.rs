@@ -1,9 +1,9 @@
 //! How the figures of an ensemble's members become one, and the rows that keep it above a threshold.
-//!
-//! The plugin `advantage` compiles this file too: plugins share no library.
 
 use serde::Deserialize;
 use shield_api::{Error, Result, Rows, RuleContext, check_finite};
+
+use crate::{Row, require_values};
 
 /// How the members' figures become one (paper, §4.3).
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
@@ -22,6 +22,9 @@ pub enum Combine {
 
 impl Combine {
     /// Refuses a quantile that is none, and 0 of n.
+    ///
+    /// # Errors
+    /// It is such.
     pub fn check(self) -> Result<()> {
         match self {
             Self::Quantile(share) if !(0.0..=1.0).contains(&share) => {
@@ -52,12 +55,11 @@ impl Combine {
 
     /// One figure out of all of them. A member that is NaN or infinite says nothing about the action, so that nothing can be
     /// said of the ensemble either: NaN.
+    ///
+    /// # Errors
+    /// There are no figures, or fewer than must agree.
     pub fn value(self, figures: &[f32]) -> Result<f32> {
-        if figures.is_empty() {
-            return Err(Error::invalid_argument(
-                "the reset ensemble's values are missing; this rule needs them",
-            ));
-        }
+        require_values(figures)?;
         let quorum = self.quorum(figures.len())?;
         if figures.iter().any(|figure| !figure.is_finite()) {
             return Ok(f32::NAN);
@@ -84,12 +86,16 @@ impl Combine {
 
     /// Rows under which `figures`, whose gradients these are, reach `threshold`: one for each of the members that must, which are those
     /// of the largest figures; or one for the mean.
+    ///
+    /// # Errors
+    /// A figure or a gradient is not finite, or some are missing; a row is refused.
     pub fn push_rows(
         self,
         context: &RuleContext<'_>,
         figures: &[f32],
         gradients: &[f32],
         threshold: f32,
+        row: &Row,
         rows: &mut dyn Rows,
     ) -> Result<()> {
         let (proposed, width, members) = (context.proposed, context.proposed.len(), figures.len());
@@ -100,11 +106,11 @@ impl Combine {
             let slopes = (0..width).map(|dimension| {
                 mean((0..members).map(|member| gradients[member * width + dimension]), members)
             });
-            return push_row(proposed, value, slopes, threshold, rows);
+            return row.push_at_least(proposed, value, slopes, threshold, rows);
         };
         for member in (0..members).filter(|member| rank(figures, *member) <= quorum) {
             let slopes = gradients[member * width..(member + 1) * width].iter().copied();
-            push_row(proposed, figures[member], slopes, threshold, rows)?;
+            row.push_at_least(proposed, figures[member], slopes, threshold, rows)?;
         }
         Ok(())
     }
@@ -119,18 +125,4 @@ fn rank(figures: &[f32], member: usize) -> usize {
     let own = figures[member];
     let is_before = |(other, figure): &(usize, &f32)| **figure > own || **figure == own && *other < member;
     1 + figures.iter().enumerate().filter(is_before).count()
-}
-
-/// The row of a figure `value` with gradient g at the proposed action a₀. Near a₀ the figure is value + g·(a − a₀), so that it reaches the
-/// threshold where −g·a ≤ value − g·a₀ − threshold.
-fn push_row(
-    proposed: &[f32],
-    value: f32,
-    gradient: impl Iterator<Item = f32>,
-    threshold: f32,
-    rows: &mut dyn Rows,
-) -> Result<()> {
-    let row: Vec<f32> = gradient.map(|slope| -slope).collect();
-    let at_proposed: f64 = row.iter().zip(proposed).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum();
-    rows.push(&row, (f64::from(value) + at_proposed - f64::from(threshold)) as f32)
 }

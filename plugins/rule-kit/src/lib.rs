@@ -1,0 +1,93 @@
+#![doc = include_str!("../README.md")]
+#![forbid(unsafe_code)]
+
+mod combine;
+
+use std::cell::RefCell;
+
+use shield_api::{Error, Result, Rows};
+
+pub use combine::Combine;
+
+/// Refuses a context in which the reset ensemble's values are missing.
+///
+/// # Errors
+/// They are.
+pub fn require_values(values: &[f32]) -> Result<()> {
+    if values.is_empty() {
+        return Err(Error::invalid_argument("the reset ensemble's values are missing; this rule needs them"));
+    }
+    Ok(())
+}
+
+/// Refuses a setting that is not finite.
+///
+/// # Errors
+/// It is NaN or infinite.
+pub fn require_finite(name: &str, value: f32) -> Result<()> {
+    if value.is_finite() {
+        return Ok(());
+    }
+    Err(Error::invalid_config(format!("{name} is {value}, but must be finite")))
+}
+
+/// Room for a row `A a ≤ b`, reused from row to row.
+#[derive(Debug, Default)]
+pub struct Row(RefCell<Vec<f32>>);
+
+impl Row {
+    /// Adds the row under which a figure reaches `threshold`: near the proposed action a₀ the figure is value + g·(a − a₀), so that it does
+    /// where −g·a ≤ value − g·a₀ − threshold. `gradient` gives g.
+    ///
+    /// # Errors
+    /// The row is refused.
+    pub fn push_at_least(
+        &self,
+        proposed: &[f32],
+        value: f32,
+        gradient: impl Iterator<Item = f32>,
+        threshold: f32,
+        rows: &mut dyn Rows,
+    ) -> Result<()> {
+        let mut row = self.0.borrow_mut();
+        row.clear();
+        row.extend(gradient.map(|slope| -slope));
+        let at_proposed: f64 = row.iter().zip(proposed).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum();
+        rows.push(&row, (f64::from(value) + at_proposed - f64::from(threshold)) as f32)
+    }
+
+    /// Adds the row under which a figure stays at or below `limit`.
+    ///
+    /// # Errors
+    /// The row is refused.
+    pub fn push_at_most(
+        &self,
+        proposed: &[f32],
+        value: f32,
+        gradient: impl Iterator<Item = f32>,
+        limit: f32,
+        rows: &mut dyn Rows,
+    ) -> Result<()> {
+        self.push_at_least(proposed, -value, gradient.map(|slope| -slope), -limit, rows)
+    }
+}
+
+/// [`Checkpoint`](shield_api::Checkpoint) for rules without state: theirs is empty, and no other is taken.
+#[macro_export]
+macro_rules! stateless {
+    ($rule:ty) => {
+        impl shield_api::Checkpoint for $rule {
+            fn save(&self, _bytes: &mut Vec<u8>) -> shield_api::Result<()> {
+                Ok(())
+            }
+
+            fn load(&mut self, bytes: &[u8]) -> shield_api::Result<()> {
+                if bytes.is_empty() {
+                    return Ok(());
+                }
+                let message = format!("this rule has no state, but {} bytes are given", bytes.len());
+                Err(shield_api::Error::invalid_argument(message))
+            }
+        }
+    };
+}

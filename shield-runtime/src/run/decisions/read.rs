@@ -1,0 +1,124 @@
+//! Reading decisions back.
+
+use std::{collections::HashMap, fs::File, path::Path};
+
+use anyhow::{Context, Result, anyhow, ensure};
+use parquet::{
+    file::reader::{FileReader, SerializedFileReader},
+    record::Field,
+};
+
+/// One recorded decision.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct DecisionRow {
+    /// Environment steps before it.
+    pub step: u64,
+    /// `forward` or `reset`.
+    pub phase: String,
+    /// `allow`, `warm_up`, `project`, `replace` or `abort`.
+    pub verdict: String,
+    /// Why it was rejected; empty if it was not.
+    pub cause: String,
+    /// The environment's state, if it was kept; else empty.
+    pub state: Vec<u8>,
+    /// What was observed.
+    pub observation: Vec<f32>,
+    /// The proposed action.
+    pub proposed: Vec<f32>,
+    /// The action executed before; NaN after a hard reset.
+    pub previous: Vec<f32>,
+    /// What was executed; NaN after an abort.
+    pub executed: Vec<f32>,
+    /// Each member's reset value of the proposed action.
+    pub values: Vec<f32>,
+    /// Each member's reset value of the reset agent's own action.
+    pub greedy_values: Vec<f32>,
+    /// Each member's forward value of the proposed action.
+    pub forward_values: Vec<f32>,
+    /// What each rule compared.
+    pub scores: Vec<f32>,
+}
+
+impl DecisionRow {
+    fn numbers(&mut self, name: &str) -> Option<&mut Vec<f32>> {
+        Some(match name {
+            "observation" => &mut self.observation,
+            "proposed" => &mut self.proposed,
+            "previous" => &mut self.previous,
+            "executed" => &mut self.executed,
+            "value" => &mut self.values,
+            "greedy_value" => &mut self.greedy_values,
+            "forward_value" => &mut self.forward_values,
+            "score" => &mut self.scores,
+            _ => return None,
+        })
+    }
+}
+
+/// Hands every recorded decision of a run to `take`, in their order, until it says `false`; returns how many there were.
+///
+/// # Errors
+/// There are none, or a file is damaged.
+pub fn read_decisions(run: &Path, mut take: impl FnMut(DecisionRow) -> Result<bool>) -> Result<u64> {
+    let folder = run.join("decisions");
+    let mut parts = super::paths(&folder)?;
+    parts.retain(|path| path.extension().is_some_and(|extension| extension == "parquet"));
+    ensure!(
+        !parts.is_empty(),
+        "{} has no recorded decisions; they need a shield, and `record: (decisions: 1)`",
+        run.display()
+    );
+    let mut count = 0;
+    for part in parts {
+        let is_wanted = read_part(&part, &mut |row| {
+            count += 1;
+            take(row)
+        })?;
+        if !is_wanted {
+            break;
+        }
+    }
+    Ok(count)
+}
+
+/// Hands every decision of one part to `take`, until it says `false`; returns whether it never did.
+pub(super) fn read_part(part: &Path, take: &mut dyn FnMut(DecisionRow) -> Result<bool>) -> Result<bool> {
+    let damaged = || format!("{} cannot be read", part.display());
+    let file = File::open(part).with_context(damaged)?;
+    let reader = SerializedFileReader::new(file).with_context(damaged)?;
+    let schema = reader.metadata().file_metadata().schema_descr();
+    let kinds = schema.columns().iter().filter_map(|column| {
+        let (kind, _) = column.name().rsplit_once('_')?;
+        Some((column.name().to_owned(), kind.to_owned()))
+    });
+    let kinds: HashMap<String, String> = kinds.collect();
+    for row in reader.get_row_iter(None).with_context(damaged)? {
+        let mut decision = DecisionRow::default();
+        for (name, field) in row.with_context(damaged)?.get_column_iter() {
+            fill(&mut decision, &kinds, name, field)
+                .ok_or_else(|| anyhow!("{}: the column {name} is not known", part.display()))?;
+        }
+        if !take(decision)? {
+            return Ok(false);
+        }
+    }
+    Ok(true)
+}
+
+fn fill(
+    decision: &mut DecisionRow,
+    columns: &HashMap<String, String>,
+    name: &str,
+    field: &Field,
+) -> Option<()> {
+    match (name, field) {
+        ("step", Field::Long(step)) => decision.step = u64::try_from(*step).ok()?,
+        ("phase", Field::Str(text)) => decision.phase.clone_from(text),
+        ("verdict", Field::Str(text)) => decision.verdict.clone_from(text),
+        ("cause", Field::Str(text)) => decision.cause.clone_from(text),
+        ("state", Field::Bytes(bytes)) => decision.state = bytes.data().to_vec(),
+        (name, Field::Float(value)) => decision.numbers(columns.get(name)?)?.push(*value),
+        _ => return None,
+    }
+    Some(())
+}
