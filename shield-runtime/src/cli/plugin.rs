@@ -1,5 +1,6 @@
-//! `shield plugin …`: finding, reading, making and pinning plugins. Nothing here executes a plugin.
+//! `shield plugin …`: finding, reading, making, checking and pinning plugins. Only `check` executes one, and never in its own process.
 
+mod check;
 mod info;
 mod list;
 mod lock;
@@ -19,6 +20,8 @@ pub enum PluginCommand {
     List,
     /// Shows what a plugin says of itself: its configuration with defaults, and an example to copy. Loads nothing.
     Info(info::InfoArguments),
+    /// Asks a plugin everything that a host relies on: each check in a process of its own, with a time limit.
+    Check(check::CheckArguments),
     /// Makes the folder of a new plugin that builds, passes its checks and runs in an example experiment.
     New(new::NewArguments),
     /// Pins every plugin of an experiment to the file that is found now, by its SHA-256.
@@ -32,6 +35,7 @@ pub fn run(command: &PluginCommand, registry: &Registry) -> Result<(), Failure> 
     match command {
         PluginCommand::List => list(registry, None),
         PluginCommand::Info(arguments) => return info::info(arguments, registry),
+        PluginCommand::Check(arguments) => return check::check(arguments, registry),
         PluginCommand::New(arguments) => return new::new(arguments),
         PluginCommand::Lock(arguments) => return lock::lock(arguments, registry),
     }
