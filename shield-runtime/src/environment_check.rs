@@ -1,12 +1,15 @@
 //! What must hold of every environment, as a list: `shield env check` and the tests run the same checks.
 
 mod checks;
+mod guarded;
 mod rollout;
 #[cfg(test)]
 mod tests;
 
 use shield_api::Environment;
 
+pub use checks::leaves_no_memory;
+pub(crate) use guarded::{Guarded, bits};
 pub use rollout::random_action;
 
 /// An environment to be checked.
@@ -54,6 +57,11 @@ pub const CHECKS: &[Check] = &[
         name: "finite",
         rule: "every observation and reward of random episodes is finite",
         run: checks::finite,
+    },
+    Check {
+        name: "guards",
+        rule: "nothing is written outside of the observation, nor into the action",
+        run: checks::guards,
     },
     Check { name: "reset-reward", rule: "the reset reward lies in [0, 1]", run: checks::reset_reward },
     Check {

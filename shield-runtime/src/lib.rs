@@ -12,6 +12,7 @@ pub mod film;
 pub mod joint_loop;
 pub mod observer;
 pub mod plugin;
+pub mod plugin_check;
 pub mod run;
 pub mod shield;
 pub mod shielded;

@@ -2,7 +2,6 @@
 
 mod candidate;
 mod draw;
-mod guarded;
 mod kinds;
 mod probe;
 
@@ -49,22 +48,22 @@ const OF_ALL: &[Check] = &[
     Check {
         name: "scan",
         rule: "the manifest is read in under 100 ms, without executing anything",
-        run: Run::Any(Candidate::scan),
+        run: Run::Any(|candidate| candidate.scan()),
     },
     Check {
         name: "load",
         rule: "the library loads with all its symbols, and an instance can be made",
-        run: Run::Any(Candidate::load),
+        run: Run::Any(|candidate| candidate.load()),
     },
     Check {
         name: "manifest",
         rule: "it says what it is, and its fields and defaults make an instance",
-        run: Run::Any(Candidate::manifest),
+        run: Run::Any(|candidate| candidate.manifest()),
     },
     Check {
         name: "unknown-field",
         rule: "a configuration with an unknown field, or that is not RON, is refused",
-        run: Run::Any(Candidate::unknown_field),
+        run: Run::Any(|candidate| candidate.unknown_field()),
     },
 ];
 
@@ -118,7 +117,9 @@ pub fn checks(kind: Kind) -> Vec<Check> {
         Kind::Environment => {
             let of_environments = environment_check::CHECKS.iter();
             let run = |check: &environment_check::Check| Run::Environment(check.run);
-            of_environments.map(|check| Check { name: check.name, rule: check.rule, run: run(check) }).collect()
+            of_environments
+                .map(|check| Check { name: check.name, rule: check.rule, run: run(check) })
+                .collect()
         }
         _ => OF_KINDS.to_vec(),
     };
@@ -152,7 +153,8 @@ fn probed(candidate: &Candidate<'_>, question: Question) -> Finding {
     let (seed, is_deterministic) = (candidate.seed, candidate.manifest.deterministic);
     macro_rules! ask {
         ($kind:ty, $make:ident, $round:expr, $refusals:expr) => {{
-            let make = |seed, threads| -> Result<Box<$kind>, String> { candidate.$make(spaces, seed, threads) };
+            let make =
+                |seed, threads| -> Result<Box<$kind>, String> { candidate.$make(spaces, seed, threads) };
             let (round, refusals) = ($round, $refusals);
             answer(&Probe::<$kind> { make: &make, round, refusals, spaces, seed, is_deterministic }, question)
         }};
@@ -161,7 +163,9 @@ fn probed(candidate: &Candidate<'_>, question: Question) -> Finding {
         Kind::Learner => ask!(dyn Learner, learner, kinds::learner_round, kinds::learner_refusals),
         Kind::Policy => ask!(dyn Policy, policy, kinds::policy_round, kinds::policy_refusals),
         Kind::AbortRule => ask!(dyn AbortRule, abort_rule, kinds::rule_round, kinds::rule_refusals),
-        Kind::ResetTask => ask!(dyn ResetTask, reset_task, kinds::reset_task_round, kinds::reset_task_refusals),
+        Kind::ResetTask => {
+            ask!(dyn ResetTask, reset_task, kinds::reset_task_round, kinds::reset_task_refusals)
+        }
         Kind::Environment => Err("an environment has checks of its own".into()),
     }
 }

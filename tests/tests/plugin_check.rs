@@ -16,7 +16,13 @@ fn compile(compiler: &str, arguments: &[&str], source: &Path, name: &str) -> Pat
     let path = folder.join(format!("lib{name}{}", env::consts::DLL_SUFFIX));
     let include = workspace().join("shield-api/include");
     let mut command = Command::new(compiler);
-    command.args(["-O1", "-fPIC", "-shared", "-I"]).arg(include).args(arguments).arg("-o").arg(&path).arg(source);
+    command
+        .args(["-O1", "-fPIC", "-shared", "-I"])
+        .arg(include)
+        .args(arguments)
+        .arg("-o")
+        .arg(&path)
+        .arg(source);
     let output = command.arg("-lm").output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     path
@@ -26,8 +32,8 @@ fn compile(compiler: &str, arguments: &[&str], source: &Path, name: &str) -> Pat
 fn checked(plugin: &str, extra: &[&str]) -> Vec<Value> {
     let output = shield().args(["plugin", "check", plugin, "--json"]).args(extra).output().unwrap();
     let report = String::from_utf8_lossy(&output.stdout).into_owned();
-    let lines: Vec<Value> =
-        serde_json::from_str(&report).unwrap_or_else(|_| panic!("{report}{}", String::from_utf8_lossy(&output.stderr)));
+    let lines: Vec<Value> = serde_json::from_str(&report)
+        .unwrap_or_else(|_| panic!("{report}{}", String::from_utf8_lossy(&output.stderr)));
     let is_bad = lines.iter().any(|line| line["verdict"] != "pass" && line["verdict"] != "skip");
     assert_eq!(output.status.code(), Some(i32::from(is_bad)), "the exit code says what the report says");
     lines
@@ -35,7 +41,8 @@ fn checked(plugin: &str, extra: &[&str]) -> Vec<Value> {
 
 fn bad(lines: &[Value]) -> Vec<String> {
     let is_bad = |line: &&Value| line["verdict"] != "pass" && line["verdict"] != "skip";
-    let text = |line: &Value| format!("{} {} {}", line["check"], line["verdict"], line["reason"]).replace('"', "");
+    let text =
+        |line: &Value| format!("{} {} {}", line["check"], line["verdict"], line["reason"]).replace('"', "");
     lines.iter().filter(is_bad).map(text).collect()
 }
 
@@ -43,7 +50,8 @@ fn bad(lines: &[Value]) -> Vec<String> {
 fn finds(kind: u32, defect: &str, check: &str, expected: &str) {
     let source = workspace().join("tests/fixtures/c/defects.c");
     let defines = [format!("-DDEFECT_KIND={kind}"), format!("-DDEFECT={defect}")];
-    let library = compile("cc", &[&defines[0], &defines[1]], &source, &format!("defect_{}", defect.to_lowercase()));
+    let library =
+        compile("cc", &[&defines[0], &defines[1]], &source, &format!("defect_{}", defect.to_lowercase()));
     let library = library.to_str().unwrap();
     if check.is_empty() {
         let found = bad(&checked(library, &[]));
@@ -51,7 +59,10 @@ fn finds(kind: u32, defect: &str, check: &str, expected: &str) {
         return;
     }
     let found = bad(&checked(library, &["--only", check, "--time-limit", "5"]));
-    assert!(found.iter().any(|line| line.contains(expected)), "{defect}: {expected:?} is missing in {found:?}");
+    assert!(
+        found.iter().any(|line| line.contains(expected)),
+        "{defect}: {expected:?} is missing in {found:?}"
+    );
 }
 
 #[test]
@@ -110,7 +121,8 @@ fn our_own_plugins_and_the_examples_in_c_and_cpp_pass() {
     let listed = String::from_utf8(listed.stdout).unwrap();
     // Environments have a suite of their own; here one of them stands for the command.
     let others = listed.lines().skip(1).filter(|line| !line.contains(" environment "));
-    let mut ids: Vec<String> = others.filter_map(|line| Some(line.split_whitespace().next()?.to_string())).collect();
+    let mut ids: Vec<String> =
+        others.filter_map(|line| Some(line.split_whitespace().next()?.to_string())).collect();
     assert!(ids.len() >= 9, "{ids:?}");
     ids.push("gridworld".into());
     let examples = workspace().join("examples/plugins");

@@ -5,7 +5,7 @@ use std::fs;
 use shield_api::{ErrorKind, Frame, Space};
 
 use super::{
-    Subject,
+    Guarded, Subject,
     Verdict::{self, Passed, Skipped},
     rollout::{Rollout, STEPS},
 };
@@ -76,6 +76,26 @@ pub fn finite(subject: &Subject<'_>) -> Finding {
         range = [range[0].min(rewards[0]), range[1].max(rewards[0])];
     }
     Ok(Passed(format!("forward rewards from {:.3} to {:.3} in {STEPS} steps", range[0], range[1])))
+}
+
+pub fn guards(subject: &Subject<'_>) -> Finding {
+    let mut rollout = Rollout::new(subject)?;
+    let mut observation = Guarded::output("observation", rollout.observation.len());
+    let seed = subject.seed;
+    let reset = rollout.environment.reset(seed, observation.slice_mut());
+    reset.map_err(|error| format!("a reset with seed {seed} fails: {error}"))?;
+    observation.checked()?;
+    for _ in 0..rollout.spec.episode_length.min(STEPS) {
+        let action = Guarded::input("action", &rollout.act()?);
+        let stepped = rollout.environment.step(action.slice(), observation.slice_mut());
+        let outcome = stepped.map_err(|error| format!("a step fails: {error}"))?;
+        observation.checked()?;
+        action.checked()?;
+        if outcome.terminated {
+            break;
+        }
+    }
+    Ok(Passed("observation and action".into()))
 }
 
 pub fn reset_reward(subject: &Subject<'_>) -> Finding {
@@ -323,16 +343,18 @@ fn resident_bytes() -> Option<u64> {
 }
 
 pub fn memory(subject: &Subject<'_>) -> Finding {
+    leaves_no_memory(&|| Rollout::new(subject)?.advance().map(|_| ()))
+}
+
+/// Whether lives of instances, each made, used and ended by `live`, leave memory behind.
+///
+/// # Errors
+/// A sentence that says how much; what `live` says.
+pub fn leaves_no_memory(live: &dyn Fn() -> Result<(), String>) -> Finding {
     const INSTANCES: u64 = 1_000;
     /// Of one instance; the allocator's own habits cost about a tenth of it.
     const ALLOWED: u64 = 4 * 1024;
-    let cycle = |count: u64| -> Result<(), String> {
-        for _ in 0..count {
-            let mut rollout = Rollout::new(subject)?;
-            rollout.advance()?;
-        }
-        Ok(())
-    };
+    let cycle = |count: u64| (0..count).try_for_each(|_| live());
     // What is kept once and for all, and the allocator's reserves, are there after these.
     cycle(INSTANCES / 5)?;
     let Some(before) = resident_bytes() else {

@@ -80,7 +80,9 @@ impl Candidate<'_> {
                 Err(error) => refusal = error.to_string(),
             }
         }
-        Err(format!("no instance can be made: {refusal}; `--config` gives it the configuration that it needs"))
+        Err(format!(
+            "no instance can be made: {refusal}; `--config` gives it the configuration that it needs"
+        ))
     }
 
     /// Whether an instance can be made.
@@ -130,9 +132,11 @@ impl Candidate<'_> {
         let spaces = self.spaces()?;
         // Fields that a plugin must be given have no default that makes an instance.
         let are_given = |field: &&ManifestField| !self.config.contains(&format!("{}:", field.name));
-        let defaults = fields.iter().filter(are_given).map(|field| format!("{}: {}", field.name, field.default));
+        let defaults =
+            fields.iter().filter(are_given).map(|field| format!("{}: {}", field.name, field.default));
         let config = with_fields(&self.config, &defaults.collect::<Vec<_>>().join(", "));
-        self.make(&config, &spaces).map_err(|error| format!("its own defaults {config} are refused: {error}"))?;
+        self.make(&config, &spaces)
+            .map_err(|error| format!("its own defaults {config} are refused: {error}"))?;
         Ok(Passed(format!("{} fields", fields.len())))
     }
 
@@ -146,7 +150,9 @@ impl Candidate<'_> {
                     return Err(format!("it panics at the configuration {config}: {message}"));
                 }
                 Err(error) => {
-                    return Err(format!("the configuration {config} is refused, but not as a wrong one: {error}"));
+                    return Err(format!(
+                        "the configuration {config} is refused, but not as a wrong one: {error}"
+                    ));
                 }
             }
         }
@@ -161,7 +167,8 @@ fn setup(spaces: &Spaces, seed: u64, threads: usize) -> Setup {
 /// `(a: 1)` with more fields.
 fn with_fields(config: &str, more: &str) -> String {
     let config = config.trim();
-    let inside = if config.len() > 2 { config[1..config.len() - 1].trim_end().trim_end_matches(',') } else { "" };
+    let inside =
+        if config.len() > 2 { config[1..config.len() - 1].trim_end().trim_end_matches(',') } else { "" };
     let comma = if inside.is_empty() || more.is_empty() { "" } else { ", " };
     format!("({inside}{comma}{more})")
 }

@@ -4,8 +4,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use shield_api::{Space, Spaces};
 
-use super::guarded::Guarded;
-use crate::environment_check::random_action;
+use crate::environment_check::{Guarded, random_action};
 
 /// Where what a plugin is asked comes from: the same seed asks the same.
 pub struct Draw {
@@ -94,7 +93,8 @@ impl DrawnBatch {
     }
 
     pub fn checked(&self) -> Result<(), String> {
-        let parts = [&self.observations, &self.actions, &self.rewards, &self.next_observations, &self.continuations];
+        let parts =
+            [&self.observations, &self.actions, &self.rewards, &self.next_observations, &self.continuations];
         parts.into_iter().chain([&self.masks]).try_for_each(|part| part.checked().map(|_| ()))
     }
 }

@@ -5,10 +5,8 @@ use shield_api::{
     RuleContext, Verdict,
 };
 
-use super::{
-    draw::Draw,
-    guarded::{Guarded, bits},
-};
+use super::draw::Draw;
+use crate::environment_check::{Guarded, bits};
 
 /// Members of the ensembles whose values a rule is shown.
 const MEMBERS: usize = 5;
@@ -24,7 +22,7 @@ fn call<T>(what: &str, result: ApiResult<T>) -> Result<T, String> {
     result.map_err(|error| format!("`{what}` fails: {error}"))
 }
 
-pub fn learner_round(learner: &mut dyn Learner, draw: &mut Draw) -> Round {
+pub fn learner_round(learner: &mut (dyn Learner + 'static), draw: &mut Draw) -> Round {
     let members = learner.info().members;
     let action_space = draw.spaces.action.clone();
     let observation = Guarded::input("observation", &draw.observation());
@@ -42,7 +40,8 @@ pub fn learner_round(learner: &mut dyn Learner, draw: &mut Draw) -> Round {
 
     let mut gradients = Guarded::output("gradients", members * action_space.action_len());
     let mut again = Guarded::output("values", members);
-    match learner.q_gradients(observation.slice(), proposed.slice(), again.slice_mut(), gradients.slice_mut()) {
+    match learner.q_gradients(observation.slice(), proposed.slice(), again.slice_mut(), gradients.slice_mut())
+    {
         Err(error) if error.kind() == shield_api::ErrorKind::Unsupported => {}
         result => {
             call("q_gradients", result)?;
@@ -68,17 +67,28 @@ fn same_values(one: &[f32], other: &[f32]) -> Result<(), String> {
     }
 }
 
-pub fn learner_refusals(learner: &mut dyn Learner, draw: &mut Draw, bad: f32) -> Refusals {
+pub fn learner_refusals(learner: &mut (dyn Learner + 'static), draw: &mut Draw, bad: f32) -> Refusals {
     let members = learner.info().members;
     let (observation, action) = (draw.observation(), draw.action());
     let (bad_observation, bad_action) = (with_last(&observation, bad), with_last(&action, bad));
     let (mut place, mut values) = (action.clone(), vec![0.0; members]);
     let mut refusals = vec![
-        ("`act` with it in the observation", learner.act(&bad_observation, ActMode::Greedy, &mut place).is_err()),
-        ("`q_values` with it in the observation", learner.q_values(&bad_observation, &action, &mut values).is_err()),
-        ("`q_values` with it in the action", learner.q_values(&observation, &bad_action, &mut values).is_err()),
+        (
+            "`act` with it in the observation",
+            learner.act(&bad_observation, ActMode::Greedy, &mut place).is_err(),
+        ),
+        (
+            "`q_values` with it in the observation",
+            learner.q_values(&bad_observation, &action, &mut values).is_err(),
+        ),
+        (
+            "`q_values` with it in the action",
+            learner.q_values(&observation, &bad_action, &mut values).is_err(),
+        ),
     ];
-    for (part, what) in ["observations", "actions", "rewards", "next observations", "continuations"].iter().enumerate() {
+    for (part, what) in
+        ["observations", "actions", "rewards", "next observations", "continuations"].iter().enumerate()
+    {
         let mut batch = draw.batch(BATCH, members);
         if let Some(last) = batch.parts_mut()[part].slice_mut().last_mut() {
             *last = bad;
@@ -88,7 +98,7 @@ pub fn learner_refusals(learner: &mut dyn Learner, draw: &mut Draw, bad: f32) ->
     refusals.into_iter().map(|(what, is_refused)| (what.to_string(), is_refused)).collect()
 }
 
-pub fn policy_round(policy: &mut dyn Policy, draw: &mut Draw) -> Round {
+pub fn policy_round(policy: &mut (dyn Policy + 'static), draw: &mut Draw) -> Round {
     let observation = Guarded::input("observation", &draw.observation());
     let mut action = Guarded::output("action", draw.spaces.action_len());
     call("act", policy.act(observation.slice(), action.slice_mut()))?;
@@ -97,7 +107,7 @@ pub fn policy_round(policy: &mut dyn Policy, draw: &mut Draw) -> Round {
     Ok(bits(action.slice()))
 }
 
-pub fn policy_refusals(policy: &mut dyn Policy, draw: &mut Draw, bad: f32) -> Refusals {
+pub fn policy_refusals(policy: &mut (dyn Policy + 'static), draw: &mut Draw, bad: f32) -> Refusals {
     let observation = with_last(&draw.observation(), bad);
     let mut action = vec![0.0; draw.spaces.action_len()];
     vec![("`act` with it in the observation".into(), policy.act(&observation, &mut action).is_err())]
@@ -155,7 +165,7 @@ impl Shown {
     }
 }
 
-pub fn rule_round(rule: &mut dyn AbortRule, draw: &mut Draw) -> Round {
+pub fn rule_round(rule: &mut (dyn AbortRule + 'static), draw: &mut Draw) -> Round {
     let shown = Shown::new(draw);
     let context = shown.context(1);
     let judge = |rule: &dyn AbortRule| {
@@ -165,7 +175,9 @@ pub fn rule_round(rule: &mut dyn AbortRule, draw: &mut Draw) -> Round {
     };
     let (verdict, _) = judge(rule)?;
     if judge(rule)?.0 != verdict {
-        return Err("`evaluate` gives two verdicts for one context: only `observe` may change a rule's state".into());
+        return Err(
+            "`evaluate` gives two verdicts for one context: only `observe` may change a rule's state".into(),
+        );
     }
     let mut seen = vec![u32::from(verdict.verdict == Verdict::Allow), verdict.score.to_bits()];
     let mut rows = Collected(Vec::new());
@@ -182,7 +194,7 @@ pub fn rule_round(rule: &mut dyn AbortRule, draw: &mut Draw) -> Round {
 }
 
 /// Nothing that is not a number may be allowed; an error rejects as well.
-pub fn rule_refusals(rule: &mut dyn AbortRule, draw: &mut Draw, bad: f32) -> Refusals {
+pub fn rule_refusals(rule: &mut (dyn AbortRule + 'static), draw: &mut Draw, bad: f32) -> Refusals {
     let needs = rule.needs();
     let mut refusals = Vec::new();
     let mut ask = |what: &str, spoil: fn(&mut Shown) -> &mut Guarded, draw: &mut Draw| {
@@ -196,7 +208,11 @@ pub fn rule_refusals(rule: &mut dyn AbortRule, draw: &mut Draw, bad: f32) -> Ref
     // +∞ is a value far above every threshold; that it cannot be is for the host to find.
     if !bad.is_sign_positive() || bad.is_nan() {
         for (is_needed, what, spoil) in [
-            (needs.values, "`evaluate` with it in the values", (|shown| &mut shown.values[0]) as fn(&mut Shown) -> &mut Guarded),
+            (
+                needs.values,
+                "`evaluate` with it in the values",
+                (|shown| &mut shown.values[0]) as fn(&mut Shown) -> &mut Guarded,
+            ),
             (needs.forward_values, "`evaluate` with it in the forward values", |shown| &mut shown.values[2]),
         ] {
             if is_needed {
@@ -213,14 +229,17 @@ fn allows(rule: &dyn AbortRule, shown: &Shown) -> bool {
     judged.is_ok_and(|judged| judged.verdict == Verdict::Allow && !judged.score.is_nan())
 }
 
-pub fn reset_task_round(task: &mut dyn ResetTask, draw: &mut Draw) -> Round {
+pub fn reset_task_round(task: &mut (dyn ResetTask + 'static), draw: &mut Draw) -> Round {
     let start = Guarded::input("observation", &draw.observation());
     let next = Guarded::input("next observation", &draw.observation());
     let action = Guarded::input("action", &draw.action());
     call("observe_start", task.observe_start(start.slice()))?;
     let signal = call("evaluate", task.evaluate(start.slice(), action.slice(), next.slice()))?;
     if !(0.0..=1.0).contains(&signal.reward) {
-        return Err(format!("the reset reward is {}; values lie in [0, 1/(1 − γ)] only for rewards in [0, 1]", signal.reward));
+        return Err(format!(
+            "the reset reward is {}; values lie in [0, 1/(1 − γ)] only for rewards in [0, 1]",
+            signal.reward
+        ));
     }
     for part in [&start, &next, &action] {
         part.checked()?;
@@ -228,11 +247,14 @@ pub fn reset_task_round(task: &mut dyn ResetTask, draw: &mut Draw) -> Round {
     Ok(vec![signal.reward.to_bits(), u32::from(signal.in_reset_set)])
 }
 
-pub fn reset_task_refusals(task: &mut dyn ResetTask, draw: &mut Draw, bad: f32) -> Refusals {
+pub fn reset_task_refusals(task: &mut (dyn ResetTask + 'static), draw: &mut Draw, bad: f32) -> Refusals {
     let (observation, action) = (draw.observation(), draw.action());
     let bad_observation = with_last(&observation, bad);
     vec![
-        ("`evaluate` with it in the next observation".into(), task.evaluate(&observation, &action, &bad_observation).is_err()),
+        (
+            "`evaluate` with it in the next observation".into(),
+            task.evaluate(&observation, &action, &bad_observation).is_err(),
+        ),
         ("`observe_start` with it".into(), task.observe_start(&bad_observation).is_err()),
     ]
 }

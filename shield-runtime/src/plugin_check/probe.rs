@@ -47,7 +47,7 @@ impl<T: Checkpoint + ?Sized> Probe<'_, T> {
         Ok(seen)
     }
 
-    fn from_new(&self, threads: usize) -> Round {
+    fn fresh_rounds(&self, threads: usize) -> Round {
         self.rounds(&mut *(self.make)(self.seed, threads)?, &mut self.draw(), ROUNDS)
     }
 
@@ -70,7 +70,7 @@ impl<T: Checkpoint + ?Sized> Probe<'_, T> {
 
     /// Answers are finite and inside their spaces, and nothing is written where nothing must be.
     pub fn answers(&self) -> Finding {
-        let numbers = self.from_new(1)?.len();
+        let numbers = self.fresh_rounds(1)?.len();
         Ok(Passed(format!("{ROUNDS} rounds, {numbers} numbers")))
     }
 
@@ -78,7 +78,7 @@ impl<T: Checkpoint + ?Sized> Probe<'_, T> {
         if let Some(skipped) = self.unless_deterministic() {
             return Ok(skipped);
         }
-        if self.from_new(1)? != self.from_new(1)? {
+        if self.fresh_rounds(1)? != self.fresh_rounds(1)? {
             return Err("two instances with one seed give different answers".into());
         }
         Ok(Passed(format!("{ROUNDS} rounds, twice")))
@@ -88,9 +88,9 @@ impl<T: Checkpoint + ?Sized> Probe<'_, T> {
         if let Some(skipped) = self.unless_deterministic() {
             return Ok(skipped);
         }
-        let alone = self.from_new(1)?;
+        let alone = self.fresh_rounds(1)?;
         for threads in [2, 3] {
-            if self.from_new(threads)? != alone {
+            if self.fresh_rounds(threads)? != alone {
                 return Err(format!("with {threads} threads it gives other answers than with one"));
             }
         }
@@ -106,7 +106,9 @@ impl<T: Checkpoint + ?Sized> Probe<'_, T> {
         };
         // Another seed, so that only the saved state can make both equal.
         let mut other = (self.make)(self.seed.wrapping_add(1), 1)?;
-        other.load(&bytes).map_err(|error| format!("a new instance does not load what another saved: {error}"))?;
+        other
+            .load(&bytes)
+            .map_err(|error| format!("a new instance does not load what another saved: {error}"))?;
         if self.saved(&other)? != Ok(bytes.clone()) {
             return Err("saving what was loaded gives other bytes".into());
         }
@@ -153,7 +155,9 @@ impl<T: Checkpoint + ?Sized> Probe<'_, T> {
         self.rounds(&mut undisturbed, &mut same, BEFORE_SAVING)?;
         let mut count = 0;
         for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
-            for (what, is_refused) in (self.refusals)(&mut instance, &mut Draw::new(self.spaces, self.seed), bad) {
+            for (what, is_refused) in
+                (self.refusals)(&mut instance, &mut Draw::new(self.spaces, self.seed), bad)
+            {
                 if !is_refused {
                     return Err(format!("{bad}: {what} is not refused"));
                 }
@@ -173,14 +177,15 @@ impl<T: Checkpoint + ?Sized> Probe<'_, T> {
         if let Some(skipped) = self.unless_deterministic() {
             return Ok(skipped);
         }
-        let alone = self.from_new(1)?;
-        let (make, round, refusals, spaces, seed) = (self.make, self.round, self.refusals, self.spaces, self.seed);
+        let alone = self.fresh_rounds(1)?;
+        let (make, round, refusals, spaces, seed) =
+            (self.make, self.round, self.refusals, self.spaces, self.seed);
         let together: Vec<Round> = std::thread::scope(|scope| {
             let threads: Vec<_> = (0..THREADS)
                 .map(|_| {
                     scope.spawn(move || {
                         let probe = Probe { make, round, refusals, spaces, seed, is_deterministic: true };
-                        probe.from_new(1)
+                        probe.fresh_rounds(1)
                     })
                 })
                 .collect();

@@ -83,7 +83,8 @@ pub(super) fn replay_ladder(
     }
     let seed = bare.experiment.seeds[0];
     let builder = Builder { registry, variant: &bare, experiment: &bare.experiment, seed };
-    let spaces = builder.world([Stream::Environment, Stream::ResetTask], 0, plugin::host())?.spec().spaces.clone();
+    let spaces =
+        builder.world([Stream::Environment, Stream::ResetTask], 0, plugin::host())?.spec().spaces.clone();
     let reset = builder.reset(&spaces)?;
     Ok((builder.shield(&*reset, &spaces, Stream::Rules)?, reset.info()))
 }
@@ -292,7 +293,8 @@ impl Builder<'_> {
         // Rules follow one episode at a time; an isolated environment costs a process each.
         let is_shielded = config.shielded && reset.is_some();
         let is_isolated = isolation(&self.experiment.environment).is_some();
-        let lanes = if is_shielded || is_isolated { 1 } else { u64::from(config.episodes).clamp(1, MOST_LANES) };
+        let lanes =
+            if is_shielded || is_isolated { 1 } else { u64::from(config.episodes).clamp(1, MOST_LANES) };
         let streams = [Stream::EvaluationEnvironment, Stream::EvaluationResetTask];
         let host = plugin::host_without_metrics();
         let worlds = (0..lanes).map(|lane| self.world(streams, lane, host));

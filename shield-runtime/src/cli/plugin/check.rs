@@ -111,8 +111,9 @@ fn candidates(arguments: &CheckArguments, registry: &Registry) -> Result<Vec<Nam
         found.into_iter().map(|entry| (entry.path.clone(), entry.manifest.clone())).collect()
     };
     let named = |(path, manifest): (std::path::PathBuf, Manifest)| {
-        let kind = Kind::from_name(&manifest.kind)
-            .ok_or_else(|| Failure::Input(format!("{:?} is of the unknown kind {:?}", manifest.id, manifest.kind)))?;
+        let kind = Kind::from_name(&manifest.kind).ok_or_else(|| {
+            Failure::Input(format!("{:?} is of the unknown kind {:?}", manifest.id, manifest.kind))
+        })?;
         Ok((Selection::new(&manifest.id).at(path), kind, manifest))
     };
     manifests.into_iter().map(named).collect()
@@ -124,7 +125,9 @@ fn chosen(arguments: &CheckArguments, kind: Kind) -> Result<Vec<Check>, Failure>
     let known = all.iter().map(|check| check.name).collect::<Vec<_>>().join(", ");
     all.retain(|check| check.name == only);
     if all.is_empty() {
-        return Err(Failure::Input(format!("there is no check {only:?} of a plugin of kind {kind}; there are {known}")));
+        return Err(Failure::Input(format!(
+            "there is no check {only:?} of a plugin of kind {kind}; there are {known}"
+        )));
     }
     Ok(all)
 }
@@ -137,9 +140,11 @@ fn inside(
     id: &str,
 ) -> Result<(), Failure> {
     let found = candidates.iter().find(|(selection, ..)| selection.id == id);
-    let (selection, kind, manifest) = found.ok_or_else(|| Failure::Input(format!("there is no plugin {id:?}")))?;
+    let (selection, kind, manifest) =
+        found.ok_or_else(|| Failure::Input(format!("there is no plugin {id:?}")))?;
     let (selection, config) = (selection.clone(), arguments.config.clone());
-    let candidate = Candidate { registry, selection, kind: *kind, manifest, config, seed: arguments.reproduce };
+    let candidate =
+        Candidate { registry, selection, kind: *kind, manifest, config, seed: arguments.reproduce };
     for check in chosen(arguments, *kind)? {
         let told = match check.run(&candidate) {
             Ok(Verdict::Passed(seen)) => Told::Passed(seen),
@@ -153,7 +158,11 @@ fn inside(
 }
 
 /// In the parent: runs the child and waits for what it tells, but not for ever.
-fn outside(arguments: &CheckArguments, selection: &Selection, check: &Check) -> Result<(&'static str, String), Failure> {
+fn outside(
+    arguments: &CheckArguments,
+    selection: &Selection,
+    check: &Check,
+) -> Result<(&'static str, String), Failure> {
     let failed = |error: std::io::Error| Failure::Run(format!("a check cannot be run: {error}"));
     let mut command = Command::new(env::current_exe().map_err(failed)?);
     command.args(["plugin", "check"]).arg(selection.path.as_deref().unwrap_or(Path::new("")));
@@ -204,7 +213,10 @@ fn verdict(status: ExitStatus, told: &str, complaints: &str) -> (&'static str, S
         },
         _ => {
             let last = complaints.lines().rev().find(|line| !line.trim().is_empty()).unwrap_or_default();
-            ("CRASH", format!("{}{}{last}", how_it_died(status), if last.is_empty() { "" } else { "; it said: " }))
+            (
+                "CRASH",
+                format!("{}{}{last}", how_it_died(status), if last.is_empty() { "" } else { "; it said: " }),
+            )
         }
     }
 }
@@ -239,7 +251,8 @@ fn report(arguments: &CheckArguments, lines: &[Line]) -> Result<(), Failure> {
         println!("{table}");
     }
     let is_bad = |line: &&Line| !["pass", "skip"].contains(&line.verdict);
-    let bad: Vec<String> = lines.iter().filter(is_bad).map(|line| format!("{} {}", line.plugin, line.check)).collect();
+    let bad: Vec<String> =
+        lines.iter().filter(is_bad).map(|line| format!("{} {}", line.plugin, line.check)).collect();
     if bad.is_empty() {
         return Ok(());
     }

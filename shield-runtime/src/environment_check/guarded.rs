@@ -50,7 +50,9 @@ impl Guarded {
             }
         }
         match &self.given {
-            Some(given) if *given != bits(values) => Err(format!("it writes into the {what}, which it was given to read")),
+            Some(given) if *given != bits(values) => {
+                Err(format!("it writes into the {what}, which it was given to read"))
+            }
             _ => Ok(values),
         }
     }
