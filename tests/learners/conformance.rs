@@ -8,7 +8,8 @@ use shield_api::{ActMode, Batch, ErrorKind, Host, Learner, Plugin, PluginConfig,
 /// Rows of a batch.
 pub const SIZE: usize = 8;
 
-const OBSERVATION: [f32; 3] = [0.3, -0.2, 0.7];
+/// What [`act`] and [`values`] are asked about.
+pub const OBSERVATION: [f32; 3] = [0.3, -0.2, 0.7];
 
 /// Fields of a configuration and their values.
 pub type Settings = Vec<(&'static str, &'static str)>;
@@ -112,7 +113,8 @@ pub fn values<L: Subject>(learner: &mut L) -> Vec<f32> {
     values
 }
 
-fn saved<L: Subject>(learner: &L) -> Vec<u8> {
+/// The learner's state as bytes.
+pub fn saved<L: Subject>(learner: &L) -> Vec<u8> {
     let mut bytes = Vec::new();
     learner.save(&mut bytes).unwrap();
     bytes

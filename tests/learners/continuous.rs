@@ -4,7 +4,28 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use shield_api::{ActMode, Batch, Host, PluginConfig, Setup, Space, Spaces};
 
-use super::conformance::{Settings, Subject, act, config, learner, train};
+use actor_critic::{Noise, Normaliser};
+use serde::{Deserialize, Serialize};
+
+use super::conformance::{
+    OBSERVATION, SIZE, Settings, Subject, Transitions, act, config, learner, saved, train, values,
+};
+use super::gradients::{Inside, Networks, compare, enlarged, state};
+
+/// The state of such a learner, as it is saved.
+#[derive(Clone, Serialize, Deserialize)]
+pub struct State {
+    pub actor: Networks,
+    pub critics: Networks,
+    pub noise: Noise,
+    pub normaliser: Option<Normaliser>,
+    pub rng: Pcg64,
+}
+
+/// An action of [`spaces`] as the networks see it.
+pub fn to_unit(action: &[f32]) -> [f32; 2] {
+    [action[0] / 2.0, 2.0 * action[1] - 1.0]
+}
 
 /// The settings that these learners have in common, as [`Subject::small`] wants them.
 pub fn small() -> Settings {
@@ -37,6 +58,7 @@ pub fn changes(own: &[(&'static str, &'static str)]) -> Settings {
         ("initial_value", "Some(4.0)"),
         ("gradient_clip", "Some(1e-8)"),
         ("normalise_observations", "true"),
+        ("valuation", "Half"),
     ];
     changes.extend(own);
     changes
@@ -140,6 +162,54 @@ pub fn the_best_action_of_one_step_is_found<L: Subject>() {
     assert!(values.iter().all(|value| (value + 1.0).abs() < 0.2), "{values:?} instead of −1");
 }
 
+pub fn values_from_halves_are_close_follow_the_weights_and_allocate_nothing<L: Subject>() {
+    let settings = [("initial_value", "Some(20.0)"), ("critic_rate", "1e-2")];
+    let mut full: L = learner(&settings);
+    let mut half: L = learner(&[settings[0], settings[1], ("valuation", "Half")]);
+    for round in 0..3 {
+        let (expected, found) = (values(&mut full), values(&mut half));
+        assert_ne!(expected, found);
+        for (expected, found) in expected.iter().zip(&found) {
+            assert!((expected - found).abs() < 2e-3 * expected.abs().max(1.0), "{found} against {expected}");
+        }
+        for learner in [&mut full, &mut half] {
+            train(learner, 10 * round..10 * round + 10);
+        }
+    }
+    let trained = values(&mut half);
+    half.load(&saved(&learner::<L>(&settings))).unwrap();
+    assert_ne!(trained, values(&mut half), "the copies are those of the weights before");
+    let mut out = [0.0; 3];
+    let counted = allocation_counter::measure(|| half.q_values(&OBSERVATION, &[1.0; 2], &mut out).unwrap());
+    assert_eq!(counted.count_total, 0);
+}
+
+/// The actor ascends the mean over the batch and over the members, of a pair its first network.
+pub fn the_gradient_of_the_actor_is_that_of_the_ensembles_mean<L: Inside>() {
+    let (mut learner, start) = enlarged::<L>();
+    let transitions = Transitions::random::<L>(3, 1);
+    learner.update(&transitions.batch()).unwrap();
+    let mut after = state(&learner);
+    let found = L::actor(&mut after).unwrap().first_gradient();
+    compare(
+        &mut learner,
+        &start,
+        |state| L::actor(state).unwrap(),
+        &found,
+        |learner, _| {
+            let mut sum = 0.0;
+            for observation in transitions.observations.chunks_exact(3) {
+                let mut action = vec![0.0; L::spaces().action_len()];
+                learner.act(observation, ActMode::Greedy, &mut action).unwrap();
+                for member in 0..3 {
+                    sum += f64::from(learner.network_value(member * L::NETWORKS, observation, &action));
+                }
+            }
+            -sum / (3 * SIZE) as f64
+        },
+    );
+}
+
 /// A test for each function of this file.
 macro_rules! continuous_tests {
     ($learner:ty) => {
@@ -147,6 +217,12 @@ macro_rules! continuous_tests {
             actions_stay_in_their_box_however_loud_the_noise,
             gradients_are_those_of_the_values,
             the_best_action_of_one_step_is_found,
+            the_gradient_of_the_actor_is_that_of_the_ensembles_mean,
+            values_from_halves_are_close_follow_the_weights_and_allocate_nothing,
+        }
+        conformance_tests! { $learner, gradients:
+            the_gradient_of_the_critics_is_that_of_their_loss,
+            n_critics_learn_what_n_single_ones_would,
         }
     };
 }

@@ -30,6 +30,14 @@ impl ActionScale {
         })
     }
 
+    pub(crate) fn low(&self) -> &[f32] {
+        &self.low
+    }
+
+    pub(crate) fn high(&self) -> &[f32] {
+        &self.high
+    }
+
     /// How many dimensions there are.
     pub fn len(&self) -> usize {
         self.low.len()

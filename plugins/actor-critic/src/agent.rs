@@ -1,15 +1,23 @@
 //! What every learner with a deterministic policy consists of (DDPG, TD3). How it learns is its own.
 
-use rand::{RngExt, SeedableRng};
+use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
 
 use crate::{
     ActionScale, Activation, Adam, Architecture, CriticStep, Ensemble, EnsembleState, Error, Noise,
-    NoiseProcess, Normaliser, Schedule, check_finite_output,
-    checks::{check_argument, check_length},
-    read_state, write_state,
+    NoiseProcess, Normaliser, Schedule, body::Body, check_finite_output, checks::check_length, read_state,
+    write_state, write_tensors,
 };
+
+/// How an [`Agent`]'s critics value one (s, a).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Valuation {
+    /// With the weights themselves.
+    F32,
+    /// With copies of the weights in 16 bits, each within 2⁻¹¹ of its size; see [`Ensemble::value_in_half`]. Gradients are in `f32`.
+    Half,
+}
 
 /// How an [`Agent`] is made.
 #[derive(Debug, Clone)]
@@ -38,6 +46,8 @@ pub struct AgentSettings<'a> {
     pub sigma: Schedule,
     /// Exploring actions that are uniform, at the beginning.
     pub random_steps: u64,
+    /// How one (s, a) is valued.
+    pub valuation: Valuation,
     /// How many threads the critics may use.
     pub threads: usize,
     /// Seed of the weights and of the exploration.
@@ -51,39 +61,18 @@ pub struct Agent {
     pub actor: Ensemble<f32>,
     /// Q₁ … Qₙ, with their target networks; a member's networks are successive. They see actions scaled to [-1, 1].
     pub critics: Ensemble<f32>,
-    /// The last batch.
-    pub buffers: Buffers,
-    /// The generator of everything random after the weights.
-    pub rng: Pcg64,
-    scale: ActionScale,
-    normaliser: Option<Normaliser>,
-    noise: Noise,
-    random_steps: u64,
+    /// Everything that is no network.
+    pub body: Body,
     networks_per_member: usize,
-    valuations: Vec<Valuation>,
-}
-
-/// A batch as the networks see it, and the policy's actions for it. Row-major; exactly as long as the batch.
-#[derive(Debug, Default)]
-pub struct Buffers {
-    /// States.
-    pub observations: Vec<f32>,
-    /// States that followed.
-    pub next_observations: Vec<f32>,
-    /// Executed actions in [-1, 1].
-    pub actions: Vec<f32>,
-    /// π(s).
-    pub policy_actions: Vec<f32>,
-    /// π'(s').
-    pub next_actions: Vec<f32>,
-    /// One observation and one action in [-1, 1], for everything that is not an update.
-    observation: Vec<f32>,
-    action: Vec<f32>,
+    /// Per member.
+    answers: Vec<Answer>,
+    /// One value per network, where the values come from copies of the weights.
+    half_values: Vec<f32>,
 }
 
 /// One member's value of one (s, a), and its gradient with respect to the action.
 #[derive(Debug, Clone)]
-struct Valuation {
+struct Answer {
     value: f32,
     /// Of an earlier action where it was not asked for.
     gradient: Vec<f32>,
@@ -134,17 +123,16 @@ impl Agent {
         if let Some(value) = settings.initial_value {
             critics.raise_outputs(value);
         }
+        if settings.valuation == Valuation::Half {
+            critics.keep_halves();
+        }
         Ok(Self {
             actor,
             critics,
-            buffers: Buffers::default(),
-            rng,
-            scale: settings.scale,
-            normaliser: settings.normalise_observations.then(|| Normaliser::new(observation_len)),
-            noise: Noise::new(settings.noise, settings.sigma, action_len),
-            random_steps: settings.random_steps,
+            body: Body::new(&settings, rng),
             networks_per_member,
-            valuations: vec![Valuation { value: 0.0, gradient: vec![0.0; action_len] }; members],
+            answers: vec![Answer { value: 0.0, gradient: vec![0.0; action_len] }; members],
+            half_values: vec![0.0; members * networks_per_member],
         })
     }
 
@@ -155,7 +143,7 @@ impl Agent {
 
     /// How many values an action has.
     pub fn action_len(&self) -> usize {
-        self.scale.len()
+        self.body.scale.len()
     }
 
     /// Writes the policy's action in its box; exploring, a uniform or a disturbed one. Otherwise no random number is drawn.
@@ -163,25 +151,12 @@ impl Agent {
     /// # Errors
     /// A wrong length or a value that is not finite; [`Error::OutputNotFinite`].
     pub fn act(&mut self, observation: &[f32], explores: bool, action: &mut [f32]) -> Result<(), Error> {
-        check_argument("observation", observation, self.observation_len())?;
-        check_length("action", action, self.action_len())?;
-        let unit = &mut self.buffers.action;
-        unit.resize(action.len(), 0.0);
-        if explores && self.noise.step() < self.random_steps {
-            self.noise.skip();
-            unit.fill_with(|| self.rng.random_range(-1.0..=1.0));
-        } else {
-            Normaliser::take_rows(self.normaliser.as_ref(), observation, &mut self.buffers.observation);
-            let mut actor = self.actor.member(0);
-            actor.observe(&self.buffers.observation);
+        let mut actor = self.actor.member(0);
+        self.body.act(observation, explores, action, |observation, unit| {
+            actor.observe(observation);
             unit.copy_from_slice(actor.values(&[]));
-            if explores {
-                self.noise.disturb(unit, &mut self.rng);
-            }
-        }
-        check_finite_output("the actor's output", unit)?;
-        self.scale.from_unit(unit, action);
-        Ok(())
+            Ok(())
+        })
     }
 
     /// Writes each member's value of one (s, a), and where asked for its gradient with respect to the action
@@ -196,70 +171,59 @@ impl Agent {
         values: &mut [f32],
         gradients: Option<&mut [f32]>,
     ) -> Result<(), Error> {
-        check_argument("observation", observation, self.observation_len())?;
-        check_argument("action", action, self.action_len())?;
-        check_length("values", values, self.valuations.len())?;
+        check_length("values", values, self.answers.len())?;
         let with_gradients = gradients.is_some();
         if let Some(gradients) = &gradients {
-            check_length("gradients", gradients, self.valuations.len() * self.action_len())?;
+            check_length("gradients", gradients, self.answers.len() * self.action_len())?;
         }
-        let (buffers, scale) = (&mut self.buffers, &self.scale);
-        Normaliser::take_rows(self.normaliser.as_ref(), observation, &mut buffers.observation);
-        buffers.action.resize(action.len(), 0.0);
-        scale.to_unit(action, &mut buffers.action);
-        self.critics.for_each_group(self.networks_per_member, &mut self.valuations, |group, valuation| {
-            valuation.value = f32::INFINITY;
+        self.body.take_one(observation, action)?;
+        let (buffers, scale) = (&self.body.buffers, &self.body.scale);
+        let halves = &mut self.half_values;
+        if !with_gradients && self.critics.value_in_half(&buffers.observation, &buffers.action, halves) {
+            for (value, networks) in values.iter_mut().zip(halves.chunks_exact(self.networks_per_member)) {
+                *value = networks.iter().copied().fold(f32::INFINITY, smaller);
+            }
+            return check_finite_output("the values", values);
+        }
+        self.critics.for_each_group(self.networks_per_member, &mut self.answers, |group, answer| {
+            answer.value = f32::INFINITY;
             for network in 0..group.size() {
                 let mut critic = group.member(network);
                 critic.observe(&buffers.observation);
                 let value = critic.values(&buffers.action)[0];
                 // Once there, NaN stays: no comparison with it is true.
-                if value < valuation.value || value.is_nan() {
-                    valuation.value = value;
+                if value < answer.value || value.is_nan() {
+                    answer.value = value;
                     if with_gradients {
-                        critic.action_gradients(&mut valuation.gradient);
+                        critic.action_gradients(&mut answer.gradient);
                     }
                 }
             }
         });
-        for (value, valuation) in values.iter_mut().zip(&self.valuations) {
-            *value = valuation.value;
+        for (value, answer) in values.iter_mut().zip(&self.answers) {
+            *value = answer.value;
         }
         check_finite_output("the values", values)?;
         let Some(gradients) = gradients else { return Ok(()) };
-        for (gradient, valuation) in gradients.chunks_exact_mut(scale.len()).zip(&self.valuations) {
-            gradient.copy_from_slice(&valuation.gradient);
+        for (gradient, answer) in gradients.chunks_exact_mut(scale.len()).zip(&self.answers) {
+            gradient.copy_from_slice(&answer.gradient);
             scale.gradient_to_box(gradient);
         }
         check_finite_output("the gradients", gradients)
     }
 
-    /// Takes in a batch, scaled; the observations' statistics take it in first.
-    pub fn take_batch(&mut self, observations: &[f32], actions: &[f32], next_observations: &[f32]) {
-        if let Some(normaliser) = &mut self.normaliser {
-            normaliser.observe(observations);
-        }
-        let (buffers, normaliser) = (&mut self.buffers, self.normaliser.as_ref());
-        Normaliser::take_rows(normaliser, observations, &mut buffers.observations);
-        Normaliser::take_rows(normaliser, next_observations, &mut buffers.next_observations);
-        for rows in [&mut buffers.actions, &mut buffers.policy_actions, &mut buffers.next_actions] {
-            rows.resize(actions.len(), 0.0);
-        }
-        self.scale.to_unit(actions, &mut buffers.actions);
-    }
-
     /// Writes π'(s') of the batch into the buffers.
     pub fn choose_next_actions(&mut self) {
         let mut actor = self.actor.member(0);
-        let actions = actor.target_values(&self.buffers.next_observations, &[]);
-        self.buffers.next_actions.copy_from_slice(actions);
+        let actions = actor.target_values(&self.body.buffers.next_observations, &[]);
+        self.body.buffers.next_actions.copy_from_slice(actions);
     }
 
     /// Writes π(s) of the batch into the buffers. To be called before [`ascend`](Self::ascend).
     pub fn choose_policy_actions(&mut self) {
         let mut actor = self.actor.member(0);
-        actor.observe(&self.buffers.observations);
-        self.buffers.policy_actions.copy_from_slice(actor.values(&[]));
+        actor.observe(&self.body.buffers.observations);
+        self.body.buffers.policy_actions.copy_from_slice(actor.values(&[]));
     }
 
     /// A step of the actor up the mean of the members' values over the batch, given their gradients at π(s). Returns the
@@ -274,7 +238,7 @@ impl Agent {
         clip: Option<f32>,
         tau: f64,
     ) -> Result<f32, Error> {
-        let rows = self.buffers.observations.len() / self.observation_len();
+        let rows = self.body.buffers.observations.len() / self.observation_len();
         let share = 1.0 / (rows * steps.len()) as f32;
         let mut actor = self.actor.member(0);
         let (_, gradients) = actor.outputs();
@@ -284,7 +248,7 @@ impl Agent {
                 *gradient -= share * ascent;
             }
         }
-        actor.backward(&self.buffers.observations, &[]);
+        actor.backward(&self.body.buffers.observations, &[]);
         let norm = actor.gradient_norm();
         if !norm.is_finite() {
             return Err(Error::GradientNotFinite(norm));
@@ -292,6 +256,19 @@ impl Agent {
         actor.clipped_step(clip, optimiser, tau);
         self.actor.count_step();
         Ok(norm)
+    }
+
+    /// Appends all weights as a safetensors file: `actor`, `critics.i`, the same under `target_`, `action.low` and `action.high`,
+    /// and where observations are normalised `observation.mean` and `observation.deviation`.
+    ///
+    /// # Errors
+    /// [`Error::Tensors`].
+    pub fn write_weights(&self, bytes: &mut Vec<u8>) -> Result<(), Error> {
+        let mut tensors = self.actor.tensors("actor", true);
+        tensors.extend(self.critics.tensors("critics", false));
+        tensors.extend(self.body.scale.tensors());
+        tensors.extend(self.body.normaliser.iter().flat_map(|normaliser| normaliser.tensors()));
+        write_tensors(&tensors, bytes)
     }
 
     /// Appends everything that must be kept to continue exactly.
@@ -302,9 +279,9 @@ impl Agent {
         let view = StateView {
             actor: self.actor.state(),
             critics: self.critics.state(),
-            noise: &self.noise,
-            normaliser: &self.normaliser,
-            rng: &self.rng,
+            noise: &self.body.noise,
+            normaliser: &self.body.normaliser,
+            rng: &self.body.rng,
         };
         write_state(magic, &view, bytes)
     }
@@ -315,16 +292,21 @@ impl Agent {
     /// Anything that is not the state of such an agent; nothing has changed then.
     pub fn load(&mut self, magic: &[u8], bytes: &[u8]) -> Result<(), Error> {
         let state: State = read_state(magic, bytes)?;
-        if state.noise.dimensions() != self.noise.dimensions() {
+        if state.noise.dimensions() != self.body.noise.dimensions() {
             return Err(Error::ForeignState("its noise has another number of dimensions".into()));
         }
-        Normaliser::check_alike(self.normaliser.as_ref(), state.normaliser.as_ref())?;
+        Normaliser::check_alike(self.body.normaliser.as_ref(), state.normaliser.as_ref())?;
         self.actor.check_state(&state.actor)?;
         self.critics.restore(state.critics)?;
         self.actor.restore(state.actor)?;
-        self.noise.continue_from(state.noise);
-        self.normaliser = state.normaliser;
-        self.rng = state.rng;
+        self.body.noise.continue_from(state.noise);
+        self.body.normaliser = state.normaliser;
+        self.body.rng = state.rng;
         Ok(())
     }
+}
+
+/// The smaller of two values; NaN if one of them is, where `f32::min` would hide it.
+pub fn smaller(a: f32, b: f32) -> f32 {
+    if a < b || a.is_nan() { a } else { b }
 }

@@ -4,7 +4,12 @@ use rand::Rng;
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
-use crate::{Architecture, Error, Group, Member, Real, adam::Slices, pass::Workspace};
+use crate::{
+    Architecture, Error, Group, Member, Real,
+    adam::Slices,
+    half::{self, Copies},
+    pass::Workspace,
+};
 
 /// What an ensemble remembers: everything that the next step depends on. Each member's parameters lie together.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -29,6 +34,7 @@ pub struct Ensemble<T: Real> {
     members: usize,
     state: EnsembleState<T>,
     workspaces: Vec<Workspace<T>>,
+    copies: Option<Copies>,
     pool: Option<rayon::ThreadPool>,
 }
 
@@ -69,7 +75,8 @@ impl<T: Real> Ensemble<T> {
             second_moments: zeros,
             steps: 0,
         };
-        Ok(Self { architecture, members, state, workspaces: vec![Workspace::default(); workers], pool })
+        let workspaces = vec![Workspace::default(); workers];
+        Ok(Self { architecture, members, state, workspaces, copies: None, pool })
     }
 
     /// How many networks there are.
@@ -90,6 +97,13 @@ impl<T: Real> Ensemble<T> {
     /// Says that every member has taken a step. To be called once per update, after the members' own steps.
     pub fn count_step(&mut self) {
         self.state.steps += 1;
+        self.weights_have_changed();
+    }
+
+    fn weights_have_changed(&mut self) {
+        if let Some(copies) = &mut self.copies {
+            copies.is_stale = true;
+        }
     }
 
     /// Adds `value` to the bias of every network's outputs, target networks included: optimistic initial values.
@@ -102,6 +116,7 @@ impl<T: Real> Ensemble<T> {
                 }
             }
         }
+        self.weights_have_changed();
     }
 
     /// One member, worked on by the calling thread.
@@ -176,6 +191,16 @@ impl<T: Real> Ensemble<T> {
         });
     }
 
+    /// All networks' weights, one network after the other.
+    pub(crate) fn weights(&self) -> &[T] {
+        &self.state.weights
+    }
+
+    /// The same of the target networks.
+    pub(crate) fn target_weights(&self) -> &[T] {
+        &self.state.targets
+    }
+
     /// Everything that must be kept to continue exactly.
     pub fn state(&self) -> &EnsembleState<T> {
         &self.state
@@ -205,8 +230,81 @@ impl<T: Real> Ensemble<T> {
     pub fn restore(&mut self, state: EnsembleState<T>) -> Result<(), Error> {
         self.check_state(&state)?;
         self.state = state;
+        self.weights_have_changed();
         Ok(())
     }
+}
+
+impl Ensemble<f32> {
+    /// Keeps copies of the weights in 16 bits, for [`value_in_half`](Self::value_in_half).
+    pub fn keep_halves(&mut self) {
+        let (weights, fits) = (vec![0; self.state.weights.len()], vec![false; self.members]);
+        self.copies = Some(Copies { weights, fits, is_stale: true });
+    }
+
+    /// Writes the first output of every network for one row into `values` (`members`), computed from the copies of the weights,
+    /// which are renewed first if a step was taken since. A copy is within 2⁻¹¹ of its weight's size (below 2⁻²², within that); a
+    /// network with a weight of 512 or more is valued in full. Returns false, and has done nothing, where no copies are kept.
+    ///
+    /// # Panics
+    /// If `values` has not one entry per network.
+    pub fn value_in_half(&mut self, observation: &[f32], action: &[f32], values: &mut [f32]) -> bool {
+        assert_eq!(values.len(), self.members, "one value per network");
+        let Some(copies) = &mut self.copies else { return false };
+        let architecture = &self.architecture;
+        let length = architecture.parameter_len();
+        let is_stale = std::mem::replace(&mut copies.is_stale, false);
+        let run = |weights: &[f32],
+                   halves: &mut [u16],
+                   fits: &mut [bool],
+                   values: &mut [f32],
+                   workspace: &mut Workspace<f32>| {
+            let networks = weights.chunks_exact(length).zip(halves.chunks_exact_mut(length));
+            for (((weights, halves), fits), value) in networks.zip(fits).zip(values) {
+                if is_stale {
+                    *fits = half::copy(halves, weights);
+                }
+                let halves = (*fits).then_some(&*halves);
+                *value = value_of(architecture, halves, weights, (observation, action), workspace);
+            }
+        };
+        let Some(pool) = &self.pool else {
+            run(&self.state.weights, &mut copies.weights, &mut copies.fits, values, &mut self.workspaces[0]);
+            return true;
+        };
+        let share = self.members.div_ceil(self.workspaces.len());
+        let (weights, workspaces) = (&self.state.weights, &mut self.workspaces);
+        pool.install(|| {
+            weights
+                .par_chunks(share * length)
+                .zip(copies.weights.par_chunks_mut(share * length))
+                .zip(copies.fits.par_chunks_mut(share))
+                .zip(values.par_chunks_mut(share))
+                .zip(workspaces)
+                .for_each(|((((weights, halves), fits), values), workspace)| {
+                    run(weights, halves, fits, values, workspace);
+                });
+        });
+        true
+    }
+}
+
+/// The first output for one row: from the copies where there are any, else from the weights.
+fn value_of(
+    architecture: &Architecture,
+    halves: Option<&[u16]>,
+    weights: &[f32],
+    (observation, action): (&[f32], &[f32]),
+    workspace: &mut Workspace<f32>,
+) -> f32 {
+    match halves {
+        Some(halves) => half::forward(architecture, halves, weights, observation, action, workspace),
+        None => {
+            architecture.trunk(weights, observation, workspace);
+            architecture.head(weights, action, workspace);
+        }
+    }
+    workspace.outputs(architecture).0[0]
 }
 
 #[cfg(test)]

@@ -5,10 +5,12 @@ mod action_scale;
 mod adam;
 mod agent;
 mod architecture;
+mod body;
 mod checkpoint;
 mod checks;
 mod critic_step;
 mod ensemble;
+mod half;
 mod kernels;
 mod loss;
 mod member;
@@ -16,11 +18,13 @@ mod noise;
 mod normaliser;
 mod pass;
 mod real;
+mod tensors;
 
 pub use action_scale::ActionScale;
 pub use adam::Adam;
-pub use agent::{Agent, AgentSettings, Buffers, PolicyStep};
+pub use agent::{Agent, AgentSettings, PolicyStep, Valuation, smaller};
 pub use architecture::{Activation, Architecture};
+pub use body::{Body, Buffers};
 pub use checkpoint::{read_state, write_state};
 pub use checks::{
     check_finite_output, check_finite_setting, check_not_negative, check_positive, check_share, check_unit,
@@ -32,6 +36,7 @@ pub use member::{Group, Member};
 pub use noise::{Noise, NoiseProcess, Schedule};
 pub use normaliser::Normaliser;
 pub use real::Real;
+pub use tensors::{Tensor, write_tensors};
 
 /// What cannot be built or restored.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -64,6 +69,9 @@ pub enum Error {
     /// The bytes are not a state of this learner.
     #[error("not a state of this learner: {0}")]
     ForeignState(String),
+    /// The weights cannot be written for others.
+    #[error("the weights cannot be written: {0}")]
+    Tensors(String),
     /// A setting has a value that cannot be.
     #[error("{name} is {value}; it must be {allowed}")]
     Setting {
@@ -159,6 +167,7 @@ impl Error {
             | Self::Bounds { .. }
             | Self::OutsideUnit { .. } => ErrorKind::Argument,
             Self::Threads(_)
+            | Self::Tensors(_)
             | Self::OutputNotFinite { .. }
             | Self::LossNotFinite { .. }
             | Self::GradientNotFinite(_) => ErrorKind::Failure,

@@ -60,6 +60,13 @@ impl Normaliser {
         }
     }
 
+    /// Mean and deviation of each dimension, as [`normalise`](Self::normalise) uses them.
+    pub(crate) fn statistics(&self) -> [Vec<f32>; 2] {
+        let deviation =
+            |square: &f64| if self.count == 0.0 { 1.0 } else { (square / self.count + 1e-8).sqrt() as f32 };
+        [self.means.iter().map(|mean| *mean as f32).collect(), self.squares.iter().map(deviation).collect()]
+    }
+
     /// Writes the normalised rows into `normalised`.
     pub fn normalise(&self, rows: &[f32], normalised: &mut [f32]) {
         if self.count == 0.0 {

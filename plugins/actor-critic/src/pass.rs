@@ -54,7 +54,7 @@ impl<T: Real> Workspace<T> {
     }
 
     /// Input and output of a layer.
-    fn layer_io<'a>(
+    pub(crate) fn layer_io<'a>(
         &'a mut self,
         layer: &Layer,
         observations: &'a [T],

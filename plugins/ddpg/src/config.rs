@@ -1,8 +1,8 @@
 //! The configuration, and what it may hold.
 
 use actor_critic::{
-    Activation, Error, Loss, NoiseProcess, check_finite_setting, check_not_negative, check_positive,
-    check_share,
+    Activation, Error, Loss, NoiseProcess, Valuation, check_finite_setting, check_not_negative,
+    check_positive, check_share,
 };
 
 shield_api::config! {
@@ -43,6 +43,8 @@ shield_api::config! {
         gradient_clip: Option<f32> = None,
         /// Scales observations by the running mean and variance of the batches.
         normalise_observations: bool = false,
+        /// F32, or Half: `q_values` from copies of the weights in 16 bits, at half the reading (within 2⁻¹¹ of each weight).
+        valuation: Valuation = Valuation::F32 => "F32",
     }
 }
 

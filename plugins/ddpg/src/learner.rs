@@ -30,12 +30,12 @@ impl Learner for Ddpg {
 
     fn update(&mut self, batch: &Batch<'_>) -> Result<()> {
         self.check_batch(batch)?;
-        self.agent.take_batch(batch.observations, batch.actions, batch.next_observations);
+        self.agent.body.take_batch(batch.observations, batch.actions, batch.next_observations);
         // π'(s') for the critics' targets; π(s) for the actor's ascent.
         self.agent.choose_next_actions();
         self.agent.choose_policy_actions();
         let Self { config, agent, steps, .. } = self;
-        let (clip, buffers) = (config.gradient_clip, &agent.buffers);
+        let (clip, buffers) = (config.gradient_clip, &agent.body.buffers);
 
         agent.critics.for_each_member(steps, |critic, step| {
             let PolicyStep { critic: step, action_gradients } = step;

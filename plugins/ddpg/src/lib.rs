@@ -53,6 +53,7 @@ impl Plugin for Ddpg {
                 steps: config.sigma_steps,
             },
             random_steps: config.random_steps,
+            valuation: config.valuation,
             threads: setup.threads,
             seed: setup.seed,
         })

@@ -1,4 +1,4 @@
-use shield_api::{Space, Spaces};
+use shield_api::{ActMode, Learner, Space, Spaces};
 
 use conformance::Settings;
 
@@ -10,6 +10,8 @@ mod conformance;
 #[macro_use]
 #[path = "../../../tests/learners/continuous.rs"]
 mod continuous;
+#[path = "../../../tests/learners/gradients.rs"]
+mod gradients;
 
 impl conformance::Subject for Ddpg {
     fn small() -> Settings {
@@ -30,6 +32,36 @@ impl conformance::Subject for Ddpg {
 
     fn impossible_actions() -> Vec<Space> {
         continuous::impossible_actions()
+    }
+}
+
+impl gradients::Inside for Ddpg {
+    type State = continuous::State;
+    const MAGIC: &'static [u8] = crate::MAGIC;
+    const NETWORKS: usize = 1;
+
+    fn plain() -> Settings {
+        Settings::new()
+    }
+
+    fn critics(state: &mut continuous::State) -> &mut gradients::Networks {
+        &mut state.critics
+    }
+
+    fn actor(state: &mut continuous::State) -> Option<&mut gradients::Networks> {
+        Some(&mut state.actor)
+    }
+
+    fn network_value(&mut self, network: usize, observation: &[f32], action: &[f32]) -> f32 {
+        let mut critic = self.agent.critics.member(network);
+        critic.observe(observation);
+        critic.values(&continuous::to_unit(action))[0]
+    }
+
+    fn next_value(&mut self, member: usize, observation: &[f32]) -> f32 {
+        let mut action = [0.0; 2];
+        self.act(observation, ActMode::Greedy, &mut action).unwrap();
+        self.network_value(member, observation, &action)
     }
 }
 

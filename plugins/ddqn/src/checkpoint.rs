@@ -8,7 +8,7 @@ use shield_api::{Checkpoint, Result};
 use crate::{Ddqn, plugin_error};
 
 /// How the bytes begin.
-const MAGIC: &[u8] = b"shield/ddqn/1\n";
+pub(crate) const MAGIC: &[u8] = b"shield/ddqn/1\n";
 
 #[derive(Serialize)]
 struct StateView<'a> {

@@ -1,3 +1,6 @@
+use actor_critic::Normaliser;
+use rand_pcg::Pcg64;
+use serde::{Deserialize, Serialize};
 use shield_api::{ActMode, Batch, ErrorKind, Host, Learner, Plugin, PluginConfig, Setup, Space, Spaces};
 
 use conformance::{SIZE, Settings, Transitions, act, learner, train, values};
@@ -7,6 +10,8 @@ use crate::{Ddqn, DdqnConfig, learner::largest};
 #[macro_use]
 #[path = "../../../tests/learners/conformance.rs"]
 mod conformance;
+#[path = "../../../tests/learners/gradients.rs"]
+mod gradients;
 
 const ACTIONS: usize = 3;
 
@@ -58,6 +63,48 @@ impl conformance::Subject for Ddqn {
     }
 }
 
+/// The state, as it is saved.
+#[derive(Clone, Serialize, Deserialize)]
+pub struct State {
+    networks: gradients::Networks,
+    normaliser: Option<Normaliser>,
+    explored: u64,
+    rng: Pcg64,
+}
+
+impl gradients::Inside for Ddqn {
+    type State = State;
+    const MAGIC: &'static [u8] = crate::checkpoint::MAGIC;
+    const NETWORKS: usize = 1;
+
+    fn plain() -> Settings {
+        vec![("activation", "Tanh")]
+    }
+
+    fn critics(state: &mut State) -> &mut gradients::Networks {
+        &mut state.networks
+    }
+
+    fn actor(_state: &mut State) -> Option<&mut gradients::Networks> {
+        None
+    }
+
+    fn network_value(&mut self, network: usize, observation: &[f32], action: &[f32]) -> f32 {
+        let mut network = self.networks.member(network);
+        network.observe(observation);
+        network.values(&[])[action[0] as usize]
+    }
+
+    fn next_value(&mut self, member: usize, observation: &[f32]) -> f32 {
+        let values = (0..ACTIONS).map(|action| self.network_value(member, observation, &[action as f32]));
+        values.fold(f32::NEG_INFINITY, f32::max)
+    }
+}
+
+conformance_tests! { Ddqn, gradients:
+    the_gradient_of_the_critics_is_that_of_their_loss,
+    n_critics_learn_what_n_single_ones_would,
+}
 conformance_tests!(Ddqn);
 
 #[test]

@@ -1,6 +1,6 @@
 //! Acting, valuing and learning.
 
-use actor_critic::{CriticStep, PolicyStep, check_unit};
+use actor_critic::{CriticStep, PolicyStep, check_unit, smaller};
 use rand::RngExt;
 use rand_distr::StandardNormal;
 use shield_api::{ActMode, Batch, Error, Learner, LearnerInfo, Result, check_finite};
@@ -32,7 +32,7 @@ impl Learner for Td3 {
 
     fn update(&mut self, batch: &Batch<'_>) -> Result<()> {
         self.check_batch(batch)?;
-        self.agent.take_batch(batch.observations, batch.actions, batch.next_observations);
+        self.agent.body.take_batch(batch.observations, batch.actions, batch.next_observations);
         self.agent.choose_next_actions();
         self.smooth_next_actions();
         // Every policy_delay-th update, the actor learns and all target networks follow.
@@ -41,7 +41,7 @@ impl Learner for Td3 {
             self.agent.choose_policy_actions();
         }
         let Self { config, agent, steps, .. } = self;
-        let (clip, buffers) = (config.gradient_clip, &agent.buffers);
+        let (clip, buffers) = (config.gradient_clip, &agent.body.buffers);
         let tau = if actor_learns { config.tau } else { 0.0 };
 
         agent.critics.for_each_group(2, steps, |pair, step| {
@@ -96,17 +96,12 @@ impl Learner for Td3 {
     }
 }
 
-/// The smaller of two values; NaN if one of them is, where `f32::min` would hide it.
-fn smaller(a: f32, b: f32) -> f32 {
-    if a < b || a.is_nan() { a } else { b }
-}
-
 impl Td3 {
     /// Target smoothing: ã = π'(s') + clip(σ̃ N(0, 1), ±c), inside the box. The same for every pair.
     pub(crate) fn smooth_next_actions(&mut self) {
         let (sigma, clip) = (self.config.target_sigma, self.config.target_clip);
-        for action in &mut self.agent.buffers.next_actions {
-            let draw: f32 = self.agent.rng.sample(StandardNormal);
+        for action in &mut self.agent.body.buffers.next_actions {
+            let draw: f32 = self.agent.body.rng.sample(StandardNormal);
             *action = (*action + (sigma * draw).clamp(-clip, clip)).clamp(-1.0, 1.0);
         }
     }

@@ -10,6 +10,8 @@ mod conformance;
 #[macro_use]
 #[path = "../../../tests/learners/continuous.rs"]
 mod continuous;
+#[path = "../../../tests/learners/gradients.rs"]
+mod gradients;
 
 impl conformance::Subject for Td3 {
     fn small() -> Settings {
@@ -35,6 +37,39 @@ impl conformance::Subject for Td3 {
 
     fn impossible_actions() -> Vec<Space> {
         continuous::impossible_actions()
+    }
+}
+
+impl gradients::Inside for Td3 {
+    type State = continuous::State;
+    const MAGIC: &'static [u8] = crate::MAGIC;
+    const NETWORKS: usize = 2;
+
+    fn plain() -> Settings {
+        vec![("target_sigma", "0.0"), ("policy_delay", "1")]
+    }
+
+    fn critics(state: &mut continuous::State) -> &mut gradients::Networks {
+        &mut state.critics
+    }
+
+    fn actor(state: &mut continuous::State) -> Option<&mut gradients::Networks> {
+        Some(&mut state.actor)
+    }
+
+    fn network_value(&mut self, network: usize, observation: &[f32], action: &[f32]) -> f32 {
+        let mut critic = self.agent.critics.member(network);
+        critic.observe(observation);
+        critic.values(&continuous::to_unit(action))[0]
+    }
+
+    fn next_value(&mut self, member: usize, observation: &[f32]) -> f32 {
+        let mut action = [0.0; 2];
+        self.act(observation, ActMode::Greedy, &mut action).unwrap();
+        let networks = member * 2..(member + 1) * 2;
+        networks
+            .map(|network| self.network_value(network, observation, &action))
+            .fold(f32::INFINITY, f32::min)
     }
 }
 
@@ -122,17 +157,17 @@ fn the_actor_and_all_targets_move_at_every_delayed_update_only() {
 #[test]
 fn target_noise_has_its_size_its_bound_and_stays_in_the_box() {
     let mut learner: Td3 = learner(&[("target_sigma", "0.2"), ("target_clip", "0.3")]);
-    learner.agent.buffers.next_actions = vec![0.0; 20_000];
+    learner.agent.body.buffers.next_actions = vec![0.0; 20_000];
     learner.smooth_next_actions();
-    let noise = &learner.agent.buffers.next_actions;
+    let noise = &learner.agent.body.buffers.next_actions;
     let largest = noise.iter().fold(0.0_f32, |largest, x| largest.max(x.abs()));
     assert_eq!(largest, 0.3);
     // P(|N| > 1.5) = 0.1336.
     let cut = noise.iter().filter(|x| x.abs() == 0.3).count() as f64 / 20_000.0;
     assert!((cut - 0.1336).abs() < 0.01, "{cut}");
-    learner.agent.buffers.next_actions = vec![0.95; 20_000];
+    learner.agent.body.buffers.next_actions = vec![0.95; 20_000];
     learner.smooth_next_actions();
-    let noise = &learner.agent.buffers.next_actions;
+    let noise = &learner.agent.body.buffers.next_actions;
     assert!(noise.iter().all(|x| (0.65..=1.0).contains(x)) && noise.contains(&1.0));
 }
 
