@@ -6,7 +6,9 @@ mod native;
 mod peers;
 mod python;
 mod stages;
+mod torch;
 
+use std::ffi::OsString;
 use std::path::Path;
 use std::process::{Command, ExitCode};
 
@@ -29,7 +31,8 @@ const EXAMPLES: &str = "Examples:
   cargo xtask test                            every test
   cargo xtask test --stage doc                only the examples in the documentation
   cargo xtask test --peers                    our robots against Gymnasium's and dm_control's
-  cargo xtask bench --bench decision          one benchmark";
+  cargo xtask bench --bench decision          one benchmark
+  cargo xtask bench --peers                   our learner against torch and Stable-Baselines3";
 
 #[derive(Subcommand)]
 enum Chore {
@@ -48,7 +51,7 @@ enum Chore {
     Shield {
         /// For example: run examples/quickstart.ron --jobs 2
         #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
-        arguments: Vec<std::ffi::OsString>,
+        arguments: Vec<OsString>,
     },
     /// Run the tests, and say how long each stage took
     Test {
@@ -69,6 +72,12 @@ enum Chore {
         /// Only this one; a pattern such as `decision*` is possible
         #[arg(long = "bench", value_name = "NAME", default_value = "*")]
         pattern: String,
+        /// Only the comparison of our learners with torch and Stable-Baselines3, in one run
+        ///
+        /// Installs both from PyPI into native/python/torch, once (a few minutes, 2 GB). Prints the ratios and writes them to
+        /// target/bench-peers.json; takes some five minutes on a machine that does nothing else.
+        #[arg(long, conflicts_with_all = ["pattern", "arguments"])]
+        peers: bool,
         /// Arguments for criterion, behind `--`
         #[arg(last = true)]
         arguments: Vec<String>,
@@ -116,7 +125,8 @@ fn run(chore: Chore) -> anyhow::Result<ExitCode> {
             let test = ["test", "--quiet", "--package", "shield-tests", "--test", "header"];
             cargo::run(cargo::command(root).args(test).env("SHIELD_WRITE_HEADER", "1"))?;
         }
-        Chore::Bench { pattern, arguments } => {
+        Chore::Bench { peers: true, .. } => peers::bench(root)?,
+        Chore::Bench { pattern, arguments, peers: false } => {
             let bench = ["bench", "--workspace", "--bench", &pattern, "--"];
             cargo::run(cargo::command(root).args(bench).args(arguments))?;
         }
@@ -134,7 +144,7 @@ fn build(root: &Path, optimised: bool) -> anyhow::Result<()> {
 }
 
 /// Becomes the `shield` program, or runs it where a process cannot be replaced.
-fn shield(arguments: &[std::ffi::OsString]) -> anyhow::Result<ExitCode> {
+fn shield(arguments: &[OsString]) -> anyhow::Result<ExitCode> {
     let name = format!("shield{}", std::env::consts::EXE_SUFFIX);
     let program = cargo::target_folder()?.join("release").join(name);
     let mut command = Command::new(&program);

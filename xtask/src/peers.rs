@@ -1,5 +1,5 @@
-//! `cargo xtask test --peers`: our models and speed against Gymnasium's and the DeepMind control suite's, and Gymnasium's environments
-//! behind our shield.
+//! `--peers`: our models and speed against Gymnasium's and the DeepMind control suite's, and Gymnasium's environments behind our shield;
+//! our learners against torch and Stable-Baselines3.
 
 use std::fs;
 use std::path::Path;
@@ -7,7 +7,7 @@ use std::process::{Command, ExitCode};
 
 use anyhow::Context;
 
-use crate::{cargo, python};
+use crate::{cargo, python, torch};
 
 /// Exports our models and free motions, measures our speed, and lets a Python program compare.
 ///
@@ -37,4 +37,20 @@ pub fn test(root: &Path) -> anyhow::Result<ExitCode> {
         .status()
         .with_context(|| format!("{} could not be started", python.display()))?;
     Ok(if status.success() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+/// Measures our learners and torch in turn.
+///
+/// # Errors
+/// Something could not be built, installed or started.
+pub fn bench(root: &Path) -> anyhow::Result<()> {
+    let python = torch::python(root)?;
+    // `shield` and what it loads, side by side, for the steps per second.
+    cargo::run(
+        cargo::command(root)
+            .args(["build", "--release", "--package", "shield-runtime", "--package", "ddpg"])
+            .args(["--package", "td3", "--package", "mujoco-robots"]),
+    )?;
+    let bench = ["bench", "--package", "shield-tests", "--bench", "peers"];
+    cargo::run(cargo::command(root).args(bench).env("SHIELD_PEERS_PYTHON", python))
 }
