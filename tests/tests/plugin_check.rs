@@ -119,10 +119,11 @@ fn planted_defects_of_policies_and_rules_are_found() {
 fn our_own_plugins_and_the_examples_in_c_and_cpp_pass() {
     let listed = shield().args(["plugin", "list"]).output().unwrap();
     let listed = String::from_utf8(listed.stdout).unwrap();
-    // Environments have a suite of their own; here one of them stands for the command.
+    // Environments have a suite of their own; here one of them stands for the command. Without a file, `onnx` is nothing to check.
     let others = listed.lines().skip(1).filter(|line| !line.contains(" environment "));
     let mut ids: Vec<String> =
         others.filter_map(|line| Some(line.split_whitespace().next()?.to_string())).collect();
+    ids.retain(|id| id != "onnx");
     assert!(ids.len() >= 9, "{ids:?}");
     ids.push("gridworld".into());
     let examples = workspace().join("examples/plugins");

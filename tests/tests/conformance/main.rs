@@ -44,7 +44,11 @@ fn check(registry: &Registry, id: &str, config: &str) -> Skips {
 #[test]
 fn an_environment_breaks_a_rule() {
     let registry = Registry::scan(&SearchPath::new([plugins_folder()]));
-    let of_kind = registry.entries().iter().filter(|entry| entry.kind == Kind::Environment);
+    // Gymnasium is what the user's Python holds; its plugin has tests of its own for that.
+    let of_kind = registry
+        .entries()
+        .iter()
+        .filter(|entry| entry.kind == Kind::Environment && entry.manifest.id != "gymnasium");
     let mut subjects: Vec<(&str, &str)> = of_kind.map(|entry| (entry.manifest.id.as_str(), "")).collect();
     assert!(subjects.len() >= 10, "only {subjects:?} were found");
     subjects.extend([
