@@ -118,7 +118,9 @@ fn strip(canvas: &mut Picture, top: usize, caption: &Caption, value: Option<Valu
     write(canvas, &counts, [left, top + 4], TEXT);
     let Some(ValueBar { range, mean, q_min, largest }) = value else { return };
     let threshold = q_min.map_or(String::new(), |q_min| format!(", Q_min {q_min}"));
-    let text = format!("reset value {mean:.1}{threshold}");
+    // No −0.0.
+    let shown = if mean.abs() < 0.05 { 0.0 } else { mean };
+    let text = format!("reset value {shown:.1}{threshold}");
     write(canvas, &text, [4, top + 19], TEXT);
     let left = 6 * text.len().max(26) + 10;
     let width = canvas.width().saturating_sub(left + 6);
