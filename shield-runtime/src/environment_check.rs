@@ -3,8 +3,6 @@
 mod checks;
 mod guarded;
 mod rollout;
-#[cfg(test)]
-mod tests;
 
 use shield_api::Environment;
 

@@ -1,12 +1,13 @@
-//! Every check must be able to fail: an environment with one fault fails the check that is meant for it.
+//! Every check must be able to fail: an environment with one fault fails the check that is meant for it. A program of its own, since one
+//! check measures the memory of its process.
+#![allow(clippy::unwrap_used, reason = "tests")]
 
 use std::sync::atomic::{AtomicU64, Ordering};
 
 use shield_api::{
     Checkpoint, Environment, EnvironmentSpec, Error, Frame, Result, Space, Spaces, StepOutcome, check_finite,
 };
-
-use super::{CHECKS, Subject, Verdict};
+use shield_runtime::environment_check::{CHECKS, Subject, Verdict};
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Fault {
@@ -156,7 +157,7 @@ fn run(name: &str, fault: Fault) -> std::result::Result<Verdict, String> {
     (CHECKS.iter().find(|check| check.name == name).unwrap().run)(&subject)
 }
 
-/// One test, since the memory of the process is one of the things that are measured.
+/// One test, so that nothing else uses memory meanwhile.
 #[test]
 fn a_sound_environment_fails_a_check_or_a_fault_passes_the_one_meant_for_it() {
     for check in CHECKS {
