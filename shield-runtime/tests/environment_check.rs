@@ -144,7 +144,8 @@ impl Environment for Line {
 fn run(name: &str, fault: Fault) -> std::result::Result<Verdict, String> {
     let make = || {
         if fault == Fault::Leaks {
-            std::mem::forget(vec![1_u8; 16 * 1024]);
+            // Else the optimiser sees that nobody reads it, and never allocates.
+            std::mem::forget(std::hint::black_box(vec![1_u8; 16 * 1024]));
         }
         Ok(Box::new(Line { fault, position: 0.0, drift: 0.0 }) as Box<dyn Environment>)
     };
