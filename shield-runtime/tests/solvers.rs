@@ -412,3 +412,24 @@ fn a_kept_workspace_changes_a_solution_or_a_change_of_shape_is_not_seen() {
         }
     }
 }
+
+#[test]
+fn what_was_solved_before_changes_no_bit_of_a_solution() {
+    let mut random = Pcg64::seed_from_u64(11);
+    let mut kept = InteriorPoint::default();
+    for index in 0..PROGRAMS / 20 {
+        // Mostly of one shape, so that the workspace is used again.
+        let mut program = Owned { lower: vec![-1.0; 3], upper: vec![1.0; 3], ..Owned::default() };
+        for _ in 0..if index % 50 == 0 { 3 } else { 2 } {
+            let row: Vec<f64> = (0..3).map(|_| StandardNormal.sample(&mut random)).collect();
+            program.push(&row, -10f64.powf(random.random_range(-3.0..0.0)));
+        }
+        let (mut after_others, mut alone) = ([0.0; 3], [0.0; 3]);
+        let outcomes = [
+            kept.solve(&program.program(), &mut after_others),
+            InteriorPoint::default().solve(&program.program(), &mut alone),
+        ];
+        assert_eq!(outcomes[0], outcomes[1], "{program:?}");
+        assert_eq!(after_others.map(f64::to_bits), alone.map(f64::to_bits), "{program:?}");
+    }
+}

@@ -88,6 +88,8 @@ impl InteriorPoint {
             direct_solve_method: "qdldl".into(),
             presolve_enable: false,
             input_sparse_dropzeros: false,
+            // Its scaling would be that of the first program: a continued run could not repeat it. The rows have norm 1 already.
+            equilibrate_enable: false,
             ..DefaultSettings::default()
         };
         let identity = CscMatrix::identity(width);
