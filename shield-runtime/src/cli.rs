@@ -1,6 +1,7 @@
 //! The command line: arguments in, exit code out.
 
 mod env;
+mod eval;
 mod explain;
 mod plugin;
 mod progress;
@@ -38,6 +39,7 @@ Examples:
   shield resume runs/quickstart                            go on with what was stopped or killed
   shield explain runs/mine/shielded/seed-0 --step 1234     why an action was rejected
   shield what-if runs/mine/shielded/seed-0 --q-min 5,10    what another threshold would have rejected
+  shield eval runs/quickstart --episodes 100 --shielded    how good the agents are, behind the shield
   shield plugin list                                       what can be named in an experiment
   shield render examples/gridworld.ron --out grid.gif --train-steps 2000
   shield env check mujoco/cliff-cheetah                    what must hold of every environment
@@ -57,6 +59,8 @@ enum Command {
     Explain(explain::ExplainArguments),
     /// Replays the shield's decisions of a run under other settings, and tables what would have been rejected.
     WhatIf(what_if::WhatIfArguments),
+    /// Lets the agents of finished or stopped runs act in fresh episodes.
+    Eval(eval::EvalArguments),
     /// Finds, shows, makes and pins plugins.
     #[command(subcommand)]
     Plugin(plugin::PluginCommand),
@@ -120,6 +124,7 @@ pub fn main() -> ExitCode {
         Command::Resume(arguments) => resume::run(arguments, &registry),
         Command::Explain(arguments) => explain::explain(arguments),
         Command::WhatIf(arguments) => what_if::what_if(arguments, &registry),
+        Command::Eval(arguments) => eval::run(arguments, &registry),
         Command::Plugin(command) => plugin::run(command, &registry),
         Command::Env(command) => env::run(command, &registry),
         Command::Render(arguments) => render::render(arguments, &registry),

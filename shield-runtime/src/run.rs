@@ -4,6 +4,7 @@ mod build;
 mod calibration;
 mod counterfactual;
 mod decisions;
+mod events;
 mod folder;
 mod launch;
 mod recorder;

@@ -9,7 +9,7 @@ use std::{
 };
 
 use serde_json::Value;
-use shield_tests::{cart, gridworld, shield, workspace};
+use shield_tests::{cart, gridworld, run_files, shield, workspace};
 use tempfile::TempDir;
 
 /// Runs `experiment` in a folder of its own.
@@ -200,13 +200,14 @@ fn a_folder_that_cannot_be_written_fails_the_run() {
 fn a_full_disk_fails_the_run_and_not_silently() {
     use std::os::unix::process::CommandExt;
     let folder = tempfile::tempdir().unwrap();
-    fs::write(folder.path().join("x.ron"), gridworld(50_000, "")).unwrap();
+    let experiment = gridworld(4_000, "checkpoint: (every: 500),");
+    fs::write(folder.path().join("x.ron"), &experiment).unwrap();
     let mut command = shield();
     command.current_dir(folder.path()).args(["run", "x.ron", "--seeds", "0"]);
     // SAFETY: the two calls are safe between fork and exec. A limit on the size of files stands for the full disk.
     unsafe {
         command.pre_exec(|| {
-            let limit = libc::rlimit { rlim_cur: 20_000, rlim_max: 20_000 };
+            let limit = libc::rlimit { rlim_cur: 400_000, rlim_max: 400_000 };
             libc::setrlimit(libc::RLIMIT_FSIZE, &limit);
             libc::signal(libc::SIGXFSZ, libc::SIG_IGN);
             Ok(())
@@ -215,6 +216,13 @@ fn a_full_disk_fails_the_run_and_not_silently() {
     let output = command.output().unwrap();
     assert_eq!(output.status.code(), Some(1), "{}", text(&output.stderr));
     assert!(text(&output.stderr).contains("seed-0"), "{}", text(&output.stderr));
+    // With room again, nothing is lost.
+    let output = run_in(folder.path(), &experiment, &["--seeds", "0"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(text(&output.stderr).contains("goes on after"), "{}", text(&output.stderr));
+    let (_, calm) = run(&experiment, &["--seeds", "0"]);
+    let files = |folder: &TempDir| run_files(&folder.path().join("runs/small/default/seed-0"));
+    assert!(files(&folder) == files(&calm), "the continued run differs");
 }
 
 #[test]
@@ -245,6 +253,66 @@ fn ctrl_c_finishes_the_row_and_writes_the_summary() {
     let last = rows.lines().last().unwrap();
     assert!(rows.ends_with('\n') && last.contains("interrupted"), "{last}");
     assert_eq!(last.split(',').next().unwrap(), summary["steps"].to_string());
+}
+
+#[test]
+fn an_evaluation_repeats_what_the_run_reached_and_changes_nothing() {
+    let (output, folder) = run(&gridworld(3_000, ""), &[]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let eval = |arguments: &[&str]| {
+        shield().current_dir(folder.path()).args(["eval", "runs/small"]).args(arguments).output().unwrap()
+    };
+    let runs = [0, 1].map(|seed| folder.path().join(format!("runs/small/default/seed-{seed}")));
+    let before =
+        runs.clone().map(|run| (run_files(&run), fs::read(run.join("checkpoint/latest.bin")).unwrap()));
+    let output = eval(&["--episodes", "1", "--json"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let evaluated: Value = serde_json::from_slice(&output.stdout).unwrap();
+    for (index, run) in runs.iter().enumerate() {
+        let summary = summary(run);
+        assert_eq!(evaluated[index]["mean_return"], summary["final_return"]);
+        assert_eq!(evaluated[index]["success_rate"], summary["success_rate"]);
+        assert_eq!(
+            (&evaluated[index]["step"], &evaluated[index]["seed"]),
+            (&summary["steps"], &summary["seed"])
+        );
+    }
+    let reset: Value =
+        serde_json::from_slice(&eval(&["--episodes", "1", "--agent", "reset", "--json"]).stdout).unwrap();
+    assert_ne!(evaluated[0]["mean_return"], reset[0]["mean_return"]);
+    let output = eval(&["--episodes", "3", "--shielded"]);
+    assert!(output.status.success() && text(&output.stdout).contains("3000"), "{}", text(&output.stderr));
+    let after = runs.map(|run| (run_files(&run), fs::read(run.join("checkpoint/latest.bin")).unwrap()));
+    assert!(before == after, "an evaluation changed a run");
+
+    let refused = |output: Output, expected: &str| {
+        let message = text(&output.stderr);
+        assert!(output.status.code() == Some(2) && message.contains(expected), "{message}");
+    };
+    refused(eval(&["--start", "roof"]), "roof");
+    fs::remove_dir_all(folder.path().join("runs/small/default/seed-0/checkpoint")).unwrap();
+    refused(eval(&[]), "no checkpoint");
+    let nothing = shield().args(["eval"]).arg(folder.path().join("runs/small/default/seed-0/none")).output();
+    refused(nothing.unwrap(), "none");
+}
+
+#[test]
+fn stopped_runs_go_on_by_their_folder() {
+    let (output, folder) = run(&gridworld(2_000, "checkpoint: (every: 500),"), &["--seeds", "0"]);
+    assert!(output.status.success());
+    let run = folder.path().join("runs/small/default/seed-0");
+    let expected = run_files(&run);
+    fs::remove_file(run.join("summary.json")).unwrap();
+    let output = shield().current_dir(folder.path()).args(["resume", "runs"]).output().unwrap();
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    assert!(text(&output.stdout).contains("default"), "{}", text(&output.stdout));
+    assert!(run_files(&run) == expected, "the continued run differs");
+    let output = shield().current_dir(folder.path()).args(["resume", "."]).output().unwrap();
+    assert!(text(&output.stderr).contains("finished already"), "{}", text(&output.stderr));
+    let empty = tempfile::tempdir().unwrap();
+    let output = shield().arg("resume").arg(empty.path()).output().unwrap();
+    assert_eq!(output.status.code(), Some(2));
+    assert!(text(&output.stderr).contains("no run in it"), "{}", text(&output.stderr));
 }
 
 #[test]

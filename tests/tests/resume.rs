@@ -279,11 +279,25 @@ fn another_configuration_is_refused_by_the_name_of_the_field() {
 }
 
 #[test]
+fn a_program_that_was_killed_at_once_leaves_nothing_in_the_way() {
+    for files in [&[][..], &["config.partial"]] {
+        let run = Run::new(&gridworld(100, ""), &[]);
+        fs::create_dir_all(run.folder.path()).unwrap();
+        files.iter().for_each(|file| fs::write(run.folder.path().join(file), "Exp").unwrap());
+        assert!(matches!(run.order().standing(), Ok(Standing::Unfinished)));
+        assert_eq!(run.go(Sabotage::None), 0);
+        same(&Run::uninterrupted(&gridworld(100, "")), &run, "begun again");
+    }
+}
+
+#[test]
 fn two_processes_do_not_write_one_run() {
     let run = Run::new(&grid(), &[]);
     run.go(Sabotage::Stop(450));
     let first = run.order().proceed().unwrap();
     let error = run.order().proceed().err().unwrap().to_string();
+    assert!(error.contains("another process"), "{error}");
+    let error = run.order().begin(true).err().unwrap().to_string();
     assert!(error.contains("another process"), "{error}");
     drop(first);
     assert!(run.order().proceed().is_ok());
@@ -301,7 +315,7 @@ fn a_finished_run_keeps_its_agents_and_no_experience() {
         .collect();
     assert_eq!(names, ["latest.bin"]);
     assert!(matches!(run.order().standing(), Ok(Standing::Finished(summary)) if summary.exact_resume));
-    let restored = restore(registry(), &run.folder).unwrap();
+    let restored = restore(registry(), &run.folder, &[]).unwrap();
     assert!(restored.state.is_finished() && restored.state.counters().steps == 1_500);
     // Killed after the last checkpoint, before the summary.
     let summary = run.folder.path().join("summary.json");
@@ -317,5 +331,5 @@ fn without_checkpoints_nothing_is_kept_and_the_summary_says_so() {
     run.go(Sabotage::None);
     assert!(!run.checkpoint("").exists());
     assert!(matches!(run.order().standing(), Ok(Standing::Finished(summary)) if !summary.exact_resume));
-    assert!(restore(registry(), &run.folder).err().unwrap().to_string().contains("no checkpoint"));
+    assert!(restore(registry(), &run.folder, &[]).err().unwrap().to_string().contains("no checkpoint"));
 }

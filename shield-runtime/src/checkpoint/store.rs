@@ -94,6 +94,15 @@ impl CheckpointStore {
         Ok(Self { log: ExperienceLog::new(&folder), folder, provenance, last_mark: None, _lock: lock })
     }
 
+    /// Refuses a run that another process is writing.
+    ///
+    /// # Errors
+    /// It is so.
+    pub fn ensure_free(run: &Path) -> Result<()> {
+        let folder = folder_of(run);
+        if folder.exists() { lock(&folder).map(drop) } else { Ok(()) }
+    }
+
     /// Goes on from the last usable checkpoint of a run, if there is one, and fills `experience` from it. `warn` is told of a
     /// checkpoint that is passed over.
     ///

@@ -3,13 +3,11 @@
 use std::{collections::HashSet, path::PathBuf};
 
 use clap::Args;
-use shield_runtime::{
-    plugin::Registry,
-    run::{RunFolder, of_folder},
-};
+use shield_runtime::{plugin::Registry, run::of_folder};
 
 use super::{
     Failure,
+    eval::runs_in,
     session::{Job, Session},
 };
 
@@ -29,16 +27,9 @@ pub fn run(arguments: &ResumeArguments, registry: &Registry) -> Result<(), Failu
     let mut jobs = Vec::new();
     let mut seen = HashSet::new();
     for root in &arguments.folders {
-        let folders = RunFolder::find(root).map_err(|error| Failure::Input(format!("{error:#}")))?;
-        if folders.is_empty() {
-            return Err(Failure::Input(format!(
-                "{} has no run in it; a run is a folder with a config.ron, as `shield run` writes it",
-                root.display()
-            )));
-        }
-        for folder in folders {
+        for folder in runs_in(root)? {
             let (identity, variant) =
-                of_folder(&folder).map_err(|error| Failure::Input(format!("{error:#}")))?;
+                of_folder(&folder, &[]).map_err(|error| Failure::Input(format!("{error:#}")))?;
             if seen.insert(folder.path().to_owned()) {
                 jobs.push(Job { variant, identity, folder });
             }

@@ -36,7 +36,7 @@ pub fn counterfactual(
     run: &Path,
     mut progress: impl FnMut(u64),
 ) -> Result<Counterfactual> {
-    let restored = restore(registry, &RunFolder::at(run))?;
+    let restored = restore(registry, &RunFolder::at(run), &[])?;
     let Participants { mut world, reset, .. } = restored.prepared.participants;
     let mut reset = reset.context("the run has no reset agent")?;
     world.hard_reset(None, restored.identity.seed)?;

@@ -85,6 +85,21 @@ impl RunFolder {
         written
     }
 
+    /// Whether something of a run is there. A program that was killed at once leaves a folder with nothing or with a file that was not finished.
+    ///
+    /// # Errors
+    /// The folder cannot be read.
+    pub(super) fn is_begun(&self) -> Result<bool> {
+        let entries =
+            fs::read_dir(&self.path).with_context(|| format!("{} cannot be read", self.path.display()))?;
+        for entry in entries {
+            if entry?.path().extension().is_none_or(|extension| extension != "partial") {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+
     /// The resolved configuration that the run was started with.
     ///
     /// # Errors

@@ -14,7 +14,7 @@ use super::{
 };
 use crate::{
     checkpoint::{CheckpointStore, PluginVersion, Provenance, last_checkpoint},
-    experiment::{Difference, Experiment, ExperimentFile, PluginChoice, Variant, first_difference},
+    experiment::{Difference, Experiment, ExperimentFile, Override, PluginChoice, Variant, first_difference},
     joint_loop::{JointLoop, LoopState},
     observer::{Fanout, Observer},
     plugin::{Registry, Selection, clear_metrics, read_manifests},
@@ -65,6 +65,9 @@ impl Order<'_> {
         if !self.folder.exists() {
             return Ok(Standing::Missing);
         }
+        if !self.folder.is_begun()? {
+            return Ok(Standing::Unfinished);
+        }
         let config = self.folder.config()?;
         if let Some(difference) = first_difference(&config, &self.provenance().config) {
             return Ok(Standing::Differs(difference));
@@ -82,6 +85,7 @@ impl Order<'_> {
     pub fn begin(&self, overwrite: bool) -> Result<Launch> {
         let prepared = self.prepare()?;
         let provenance = self.provenance();
+        CheckpointStore::ensure_free(self.folder.path())?;
         self.folder.create(&provenance.config, &self.plugins_json()?, overwrite)?;
         let recorder = self.recorder(RecorderState::default(), &prepared).and_then(|recorder| {
             Ok(match prepared.settings.checkpoint_every {
@@ -234,12 +238,13 @@ pub struct Restored {
     pub state: LoopState,
 }
 
-/// Reads a run's last checkpoint and gives its agents and rules what they had learned.
+/// Reads a run's last checkpoint and gives its agents and rules what they had learned. `overrides` change the configuration of what is
+/// tried out, for example of its evaluation.
 ///
 /// # Errors
 /// The folder is not that of a run, has no usable checkpoint, or a plugin cannot be loaded or refuses its state.
-pub fn restore(registry: &Registry, folder: &RunFolder) -> Result<Restored> {
-    let (identity, variant) = of_folder(folder)?;
+pub fn restore(registry: &Registry, folder: &RunFolder, overrides: &[Override]) -> Result<Restored> {
+    let (identity, variant) = of_folder(folder, overrides)?;
     let saved = last_checkpoint(folder.path()).with_context(|| {
         format!("{} has no checkpoint from which the agents could be taken", folder.path().display())
     })?;
@@ -248,14 +253,14 @@ pub fn restore(registry: &Registry, folder: &RunFolder) -> Result<Restored> {
     Ok(Restored { identity, variant, prepared, state: saved.state })
 }
 
-/// The names and the configuration of the run in a folder.
+/// The names and the configuration of the run in a folder, changed by `overrides`.
 ///
 /// # Errors
-/// The folder is not that of a run.
-pub fn of_folder(folder: &RunFolder) -> Result<(Identity, Variant)> {
+/// The folder is not that of a run, or an override does not fit.
+pub fn of_folder(folder: &RunFolder, overrides: &[Override]) -> Result<(Identity, Variant)> {
     let path = folder.path();
     let file = ExperimentFile::from_text(path.join("config.ron"), folder.config()?);
-    let mut variants = file.variants(&[], None)?;
+    let mut variants = file.variants(overrides, None)?;
     let (Some(mut variant), true) = (variants.pop(), variants.is_empty()) else {
         bail!("{} is not the configuration of one run", file.path.display());
     };

@@ -13,6 +13,7 @@ use shield_api::ResetKind;
 
 use super::{
     decisions::{DecisionLog, DecisionState},
+    events::EventFile,
     folder::{RunFolder, write_whole},
     summary::{Evaluations, Identity, Summary},
     tables::{EvaluationRow, InterventionRow, LearningRow, MetricsRow, Table, TimingRow},
@@ -20,6 +21,7 @@ use super::{
 use crate::{
     checkpoint::{CheckpointError, CheckpointStore},
     decision::ProjectionKind,
+    experience::AgentRole,
     observer::{
         Counters, DecisionRecord, EpisodeRecord, EvaluationRecord, Intervention, Observer, Occasion, Snapshot,
     },
@@ -68,6 +70,7 @@ pub struct Recorder {
     evaluations: Table,
     learning: Table,
     timings: Table,
+    events: EventFile,
     episodes: u64,
     results: Evaluations,
     solved_at: f64,
@@ -119,6 +122,7 @@ impl Recorder {
             learning: Table::reopen::<LearningRow<'_>>(path, lengths)?,
             timings: Table::reopen::<TimingRow>(path, lengths)?,
             decisions: DecisionLog::resume(path.join("decisions"), state.decisions)?,
+            events: EventFile::open(path, lengths)?,
             folder,
             identity,
             rules,
@@ -174,6 +178,7 @@ impl Recorder {
 
     fn flush(&mut self) -> Result<()> {
         self.tables().into_iter().try_for_each(Table::flush)?;
+        self.events.flush()?;
         self.last_flush = Instant::now();
         Ok(())
     }
@@ -185,7 +190,10 @@ impl Recorder {
     /// Makes everything written so far last, and says how far that is.
     fn state(&mut self, occasion: Occasion) -> Result<RecorderState> {
         Ok(RecorderState {
-            lengths: self.tables().into_iter().map(Table::sync).collect::<Result<_>>()?,
+            lengths: {
+                let tables: Result<Vec<_>> = self.tables().into_iter().map(Table::sync).collect();
+                tables?.into_iter().chain([self.events.sync()?]).collect()
+            },
             episodes: self.episodes,
             results: self.results,
             causes: self.causes.clone(),
@@ -277,6 +285,10 @@ impl Observer for Recorder {
     }
 
     fn on_episode(&mut self, episode: &EpisodeRecord, counters: &Counters) -> Result<()> {
+        let gain = match episode.role {
+            AgentRole::Forward => episode.forward_return,
+            AgentRole::Reset => episode.reset_return,
+        };
         if let Some(kind) = episode.hard_reset.and_then(|reset| reset.kind) {
             self.hard_resets[kind].1 += 1;
         }
@@ -298,6 +310,16 @@ impl Observer for Recorder {
             hard_reset_cost: counters.hard_reset_cost,
             reset_value: episode.reset_value,
         })?;
+        self.events.scalars(
+            counters.steps,
+            &[
+                (if episode.role == AgentRole::Forward { "forward/return" } else { "reset/return" }, gain),
+                ("counts/early_aborts", counters.early_aborts as f64),
+                ("counts/hard_resets", counters.hard_resets as f64),
+                ("counts/irreversible_entries", counters.irreversible_entries as f64),
+                ("counts/forward_steps", counters.forward_steps as f64),
+            ],
+        )?;
         self.episodes += 1;
         if self.last_flush.elapsed() >= FLUSH_EVERY {
             self.timings.write(&TimingRow { step: counters.steps, wall_seconds: self.seconds() })?;
@@ -307,11 +329,20 @@ impl Observer for Recorder {
     }
 
     fn on_metric(&mut self, step: u64, name: &str, mean: f64) -> Result<()> {
+        self.events.scalars(step, &[(name, mean)])?;
         self.learning.write(&LearningRow { step, metric: name, mean })
     }
 
     fn on_evaluation(&mut self, evaluation: &EvaluationRecord) -> Result<()> {
         self.results.add(evaluation, self.solved_at);
+        self.events.scalars(
+            evaluation.step,
+            &[
+                ("evaluation/mean_return", evaluation.mean_return),
+                ("evaluation/success_rate", evaluation.success_rate),
+                ("evaluation/irreversible_entries", evaluation.irreversible_entries as f64),
+            ],
+        )?;
         let EvaluationRecord { step, mean_return, success_rate, irreversible_entries, steps } = *evaluation;
         self.evaluations.write(&EvaluationRow {
             step,
