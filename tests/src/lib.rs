@@ -4,7 +4,7 @@ use std::{
     collections::BTreeMap,
     env, fs,
     path::{Path, PathBuf},
-    process::Command,
+    process::{self, Command},
     sync::OnceLock,
 };
 
@@ -17,6 +17,18 @@ pub fn plugins_folder() -> PathBuf {
 /// The root of the workspace.
 pub fn workspace() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().expect("this package lies in the workspace")
+}
+
+/// The program of the profile's folder, in a folder without neighbours: beside it lie plugins too, which another call of Cargo may have
+/// built with other features than those that belong to the test.
+fn alone(profile: &Path, name: &str) -> PathBuf {
+    let folder = profile.join("alone");
+    fs::create_dir_all(&folder).expect("the profile's folder can be written");
+    let (aside, program) = (folder.join(format!("{name}-{}", process::id())), folder.join(name));
+    // Another test may do the same at this moment.
+    fs::copy(profile.join(name), &aside).expect("the program can be copied");
+    fs::rename(&aside, &program).expect("the copy can be renamed");
+    program
 }
 
 /// The command `shield` with our plugins on its path, built first in the profile of the test.
@@ -37,7 +49,7 @@ pub fn shield() -> Command {
         }
         assert!(cargo.status().expect("cargo starts").success(), "shield does not build");
         let profile = plugins_folder().parent().expect("deps lies in the profile's folder").to_path_buf();
-        profile.join(format!("shield{}", env::consts::EXE_SUFFIX))
+        alone(&profile, &format!("shield{}", env::consts::EXE_SUFFIX))
     });
     let mut command = Command::new(program);
     command.env("SHIELD_PLUGIN_PATH", plugins_folder()).env("XDG_DATA_HOME", "/nonexistent");
