@@ -5,7 +5,7 @@ use std::fmt::Write;
 
 use shield_api::{
     AbortRule, Checkpoint, Error, Needs, ObservedDecision, Phase, Plugin, Reason, Result, Rows, RuleContext,
-    RuleVerdict, Setup,
+    RuleVerdict, Setup, check_finite,
 };
 
 shield_api::config! {
@@ -65,6 +65,8 @@ impl AbortRule for DeadlineLatch {
     }
 
     fn evaluate(&self, context: &RuleContext<'_>, reason: &mut Reason<'_>) -> Result<RuleVerdict> {
+        // It does not look at the action, but nothing that is no number is allowed by any rule.
+        check_finite("action", context.proposed, context.proposed.len())?;
         // It keeps the reset agent in charge, and so never stands in its way.
         let remaining = if context.phase == Phase::Forward { self.remaining(context.step) } else { 0 };
         if remaining > 0 {

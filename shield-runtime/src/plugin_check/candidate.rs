@@ -73,13 +73,15 @@ impl Candidate<'_> {
 
     /// The first spaces that the plugin accepts.
     pub(super) fn spaces(&self) -> Result<Spaces, String> {
-        let mut refusal = String::new();
+        // The first are the usual ones, so that their refusal says most.
+        let mut refusals = Vec::new();
         for spaces in spaces_to_try() {
             match self.make(&self.config, &spaces) {
                 Ok(()) => return Ok(spaces),
-                Err(error) => refusal = error.to_string(),
+                Err(error) => refusals.push(error.to_string()),
             }
         }
+        let refusal = refusals.first().map_or("", String::as_str);
         Err(format!(
             "no instance can be made: {refusal}; `--config` gives it the configuration that it needs"
         ))
