@@ -287,6 +287,14 @@ pub fn instances(subject: &Subject<'_>) -> Finding {
     for other in together {
         ensure_same(&alone, &other?, "beside others it does something else than alone")?;
     }
+    // Threads may miss each other; turns cannot.
+    let (mut one, mut other) = (Rollout::new(subject)?, Rollout::new(subject)?);
+    let mut in_turn = Vec::new();
+    for _ in 0..STEPS {
+        in_turn.extend(one.record(1)?);
+        other.record(1)?;
+    }
+    ensure_same(&alone, &in_turn, "taking turns with another it does something else than alone")?;
     Ok(Passed(format!("{THREADS} at once")))
 }
 
