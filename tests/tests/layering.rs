@@ -42,7 +42,7 @@ fn packages_in<'a>(metadata: &'a Metadata, folder: &str) -> Vec<&'a Package> {
 /// Plugins and environments; the libraries beside them, which are neither, left out.
 fn plugins(metadata: &Metadata) -> Vec<&Package> {
     let mut found = [packages_in(metadata, "plugins"), packages_in(metadata, "envs")].concat();
-    found.retain(|package| !["actor-critic", "rule-kit"].contains(&package.name.as_str()));
+    found.retain(|package| !["actor-critic", "learner-kit", "rule-kit"].contains(&package.name.as_str()));
     found
 }
 
@@ -82,7 +82,7 @@ fn a_plugin_or_environment_knows_the_host() {
         assert_own_dependencies(
             &metadata,
             package,
-            &["shield-api", "actor-critic", "rule-kit", "shield-worker"],
+            &["shield-api", "actor-critic", "learner-kit", "rule-kit", "shield-worker"],
         );
     }
 }
@@ -93,6 +93,7 @@ fn the_networks_the_interface_or_the_worker_processes_know_something_of_ours() {
     assert_own_dependencies(&metadata, package(&metadata, "shield-worker"), &[]);
     assert_own_dependencies(&metadata, package(&metadata, "actor-critic"), &[]);
     assert_own_dependencies(&metadata, package(&metadata, "rule-kit"), &["shield-api"]);
+    assert_own_dependencies(&metadata, package(&metadata, "learner-kit"), &["shield-api", "actor-critic"]);
     assert_own_dependencies(&metadata, package(&metadata, "shield-api"), &[]);
 }
 

@@ -1,9 +1,10 @@
 //! Acting, valuing and learning.
 
-use actor_critic::{CriticStep, PolicyStep, check_unit};
-use shield_api::{ActMode, Batch, Error, Learner, LearnerInfo, Result, check_finite};
+use actor_critic::{CriticStep, PolicyStep};
+use learner_kit::{check_batch, plugin_error};
+use shield_api::{ActMode, Batch, Learner, LearnerInfo, Result, check_finite};
 
-use crate::{Ddpg, plugin_error};
+use crate::Ddpg;
 
 impl Learner for Ddpg {
     fn info(&self) -> LearnerInfo {
@@ -29,7 +30,8 @@ impl Learner for Ddpg {
     }
 
     fn update(&mut self, batch: &Batch<'_>) -> Result<()> {
-        self.check_batch(batch)?;
+        check_finite("actions", batch.actions, batch.size * self.agent.action_len())?;
+        check_batch(batch, self.agent.observation_len(), self.config.critics)?;
         self.agent.body.take_batch(batch.observations, batch.actions, batch.next_observations);
         // π'(s') for the critics' targets; π(s) for the actor's ascent.
         self.agent.choose_next_actions();
@@ -70,20 +72,5 @@ impl Learner for Ddpg {
         self.host.metric("q_mean", value);
         self.host.metric("actor_gradient_norm", f64::from(norm));
         Ok(())
-    }
-}
-
-impl Ddpg {
-    fn check_batch(&self, batch: &Batch<'_>) -> Result<()> {
-        let (size, observation_len) = (batch.size, self.agent.observation_len());
-        if size == 0 {
-            return Err(Error::invalid_argument("the batch is empty"));
-        }
-        check_finite("observations", batch.observations, size * observation_len)?;
-        check_finite("actions", batch.actions, size * self.agent.action_len())?;
-        check_finite("rewards", batch.rewards, size)?;
-        check_finite("next_observations", batch.next_observations, size * observation_len)?;
-        check_unit("continuations", batch.continuations, size).map_err(plugin_error)?;
-        check_unit("masks", batch.masks, size * self.config.critics).map_err(plugin_error)
     }
 }

@@ -1,11 +1,12 @@
 //! The full state as bytes.
 
 use actor_critic::{EnsembleState, Error as StateError, Normaliser, read_state, write_state};
+use learner_kit::plugin_error;
 use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
 use shield_api::{Checkpoint, Result};
 
-use crate::{Ddqn, plugin_error};
+use crate::Ddqn;
 
 /// How the bytes begin.
 pub(crate) const MAGIC: &[u8] = b"shield/ddqn/1\n";

@@ -1,10 +1,11 @@
 //! Acting, valuing and learning.
 
-use actor_critic::{CriticStep, Normaliser, check_finite_output, check_unit};
+use actor_critic::{CriticStep, Normaliser, check_finite_output};
+use learner_kit::{check_batch, plugin_error};
 use rand::RngExt;
-use shield_api::{ActMode, Batch, Error, Learner, LearnerInfo, Result, check_finite, check_length};
+use shield_api::{ActMode, Batch, Learner, LearnerInfo, Result, check_finite, check_length};
 
-use crate::{Ddqn, MemberStep, plugin_error};
+use crate::{Ddqn, MemberStep};
 
 impl Learner for Ddqn {
     fn info(&self) -> LearnerInfo {
@@ -115,16 +116,8 @@ impl Ddqn {
 
     /// Checks the whole batch before anything changes, and copies it into the buffers.
     fn take_batch(&mut self, batch: &Batch<'_>) -> Result<()> {
-        let (size, observation_len) = (batch.size, self.observation_len());
-        if size == 0 {
-            return Err(Error::invalid_argument("the batch is empty"));
-        }
-        check_finite("observations", batch.observations, size * observation_len)?;
-        check_length("actions", batch.actions, size)?;
-        check_finite("rewards", batch.rewards, size)?;
-        check_finite("next_observations", batch.next_observations, size * observation_len)?;
-        check_unit("continuations", batch.continuations, size).map_err(plugin_error)?;
-        check_unit("masks", batch.masks, size * self.config.members).map_err(plugin_error)?;
+        check_length("actions", batch.actions, batch.size)?;
+        check_batch(batch, self.observation_len(), self.config.members)?;
         self.buffers.chosen.clear();
         for action in batch.actions.chunks_exact(1) {
             self.buffers.chosen.push(self.actions.action_index(action)?);

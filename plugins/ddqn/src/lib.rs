@@ -7,7 +7,8 @@ mod learner;
 #[cfg(test)]
 mod tests;
 
-use actor_critic::{Adam, Architecture, CriticStep, Ensemble, ErrorKind, Normaliser, Schedule};
+use actor_critic::{Adam, Architecture, CriticStep, Ensemble, Normaliser, Schedule};
+use learner_kit::plugin_error;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use shield_api::{Error, Host, Plugin, Result, Setup, Space};
@@ -96,15 +97,6 @@ impl Plugin for Ddqn {
             answers: vec![vec![0.0; n]; config.members],
             config,
         })
-    }
-}
-
-fn plugin_error(error: actor_critic::Error) -> Error {
-    let message = error.to_string();
-    match error.kind() {
-        ErrorKind::Setting => Error::invalid_config(message),
-        ErrorKind::Argument => Error::invalid_argument(message),
-        ErrorKind::Failure => Error::failed(message),
     }
 }
 

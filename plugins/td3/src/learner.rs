@@ -1,11 +1,12 @@
 //! Acting, valuing and learning.
 
-use actor_critic::{CriticStep, PolicyStep, check_unit, smaller};
+use actor_critic::{CriticStep, PolicyStep, smaller};
+use learner_kit::{check_batch, plugin_error};
 use rand::RngExt;
 use rand_distr::StandardNormal;
-use shield_api::{ActMode, Batch, Error, Learner, LearnerInfo, Result, check_finite};
+use shield_api::{ActMode, Batch, Learner, LearnerInfo, Result, check_finite};
 
-use crate::{Td3, plugin_error};
+use crate::Td3;
 
 impl Learner for Td3 {
     fn info(&self) -> LearnerInfo {
@@ -31,7 +32,8 @@ impl Learner for Td3 {
     }
 
     fn update(&mut self, batch: &Batch<'_>) -> Result<()> {
-        self.check_batch(batch)?;
+        check_finite("actions", batch.actions, batch.size * self.agent.action_len())?;
+        check_batch(batch, self.agent.observation_len(), self.config.critics)?;
         self.agent.body.take_batch(batch.observations, batch.actions, batch.next_observations);
         self.agent.choose_next_actions();
         self.smooth_next_actions();
@@ -104,18 +106,5 @@ impl Td3 {
             let draw: f32 = self.agent.body.rng.sample(StandardNormal);
             *action = (*action + (sigma * draw).clamp(-clip, clip)).clamp(-1.0, 1.0);
         }
-    }
-
-    fn check_batch(&self, batch: &Batch<'_>) -> Result<()> {
-        let (size, observation_len) = (batch.size, self.agent.observation_len());
-        if size == 0 {
-            return Err(Error::invalid_argument("the batch is empty"));
-        }
-        check_finite("observations", batch.observations, size * observation_len)?;
-        check_finite("actions", batch.actions, size * self.agent.action_len())?;
-        check_finite("rewards", batch.rewards, size)?;
-        check_finite("next_observations", batch.next_observations, size * observation_len)?;
-        check_unit("continuations", batch.continuations, size).map_err(plugin_error)?;
-        check_unit("masks", batch.masks, size * self.config.critics).map_err(plugin_error)
     }
 }

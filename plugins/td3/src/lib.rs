@@ -1,15 +1,15 @@
 #![doc = include_str!("../README.md")]
 #![forbid(unsafe_code)]
 
-mod config;
 mod learner;
 #[cfg(test)]
 mod tests;
 
-use actor_critic::{ActionScale, Adam, Agent, AgentSettings, ErrorKind, PolicyStep, Schedule};
-use shield_api::{Checkpoint, Error, Host, Plugin, Result, Setup, Space};
+use actor_critic::{Adam, Agent, PolicyStep};
+use learner_kit::plugin_error;
+use shield_api::{Checkpoint, Host, Plugin, Result, Setup};
 
-pub use config::Td3Config;
+pub use learner_kit::Td3Config;
 
 /// How a saved state begins.
 const MAGIC: &[u8] = b"shield/td3/1\n";
@@ -29,35 +29,7 @@ impl Plugin for Td3 {
     type Config = Td3Config;
 
     fn create(config: Td3Config, setup: &Setup) -> Result<Self> {
-        config.validate().map_err(plugin_error)?;
-        let spaces = setup.spaces()?;
-        let Space::Box { low, high } = &spaces.action else {
-            return Err(Error::invalid_argument(
-                "TD3 needs continuous actions; for discrete ones there is ddqn",
-            ));
-        };
-        let agent = Agent::new(AgentSettings {
-            observation_len: spaces.observation_len(),
-            scale: ActionScale::new(low, high).map_err(plugin_error)?,
-            actor_hidden: &config.actor_hidden,
-            critic_hidden: &config.critic_hidden,
-            activation: config.activation,
-            members: config.critics,
-            networks_per_member: 2,
-            initial_value: config.initial_value,
-            normalise_observations: config.normalise_observations,
-            noise: config.noise,
-            sigma: Schedule {
-                start: config.sigma,
-                end: config.final_sigma.unwrap_or(config.sigma),
-                steps: config.sigma_steps,
-            },
-            random_steps: config.random_steps,
-            valuation: config.valuation,
-            threads: setup.threads,
-            seed: setup.seed,
-        })
-        .map_err(plugin_error)?;
+        let agent = Agent::new(config.agent(setup)?).map_err(plugin_error)?;
         Ok(Self {
             host: setup.host,
             agent,
@@ -76,15 +48,6 @@ impl Checkpoint for Td3 {
 
     fn load(&mut self, bytes: &[u8]) -> Result<()> {
         self.agent.load(MAGIC, bytes).map_err(plugin_error)
-    }
-}
-
-fn plugin_error(error: actor_critic::Error) -> Error {
-    let message = error.to_string();
-    match error.kind() {
-        ErrorKind::Setting => Error::invalid_config(message),
-        ErrorKind::Argument => Error::invalid_argument(message),
-        ErrorKind::Failure => Error::failed(message),
     }
 }
 

@@ -44,13 +44,13 @@ pub fn counterfactual(
     let mut action = vec![0.0; world.spec().spaces.action_len()];
     let mut tried = Counterfactual::default();
     read_decisions(run, |row| {
-        if row.state.is_empty() || row.phase != "forward" || row.verdict == "warm_up" {
+        if row.state.is_empty() || !row.is_judged_forward() {
             return Ok(true);
         }
         world.restore_environment(&row.state, &row.observation)?;
         action.copy_from_slice(&row.proposed);
         let is_undone = can_be_undone(&mut world, reset.learner(), &mut action)?;
-        if matches!(row.verdict.as_str(), "abort" | "project") {
+        if row.was_rejected() {
             tried.rejected += 1;
             tried.rejected_but_undone += u64::from(is_undone);
         } else {

@@ -76,7 +76,7 @@ pub fn replay(registry: &Registry, variant: &Variant, run: &Path) -> Result<Repl
     let (mut reset, mut forward) = (recording(Vec::new(), Vec::new()), recording(Vec::new(), Vec::new()));
     let mut replay = Replay::default();
     read_decisions(run, |row| {
-        if row.phase != "forward" || row.verdict == "warm_up" {
+        if !row.is_judged_forward() {
             return Ok(true);
         }
         let lacks = |is_needed: bool, values: &[f32]| is_needed && values.is_empty();
@@ -98,7 +98,7 @@ fn judge(
     row: DecisionRow,
     replay: &mut Replay,
 ) {
-    let was_rejected = matches!(row.verdict.as_str(), "abort" | "project");
+    let was_rejected = row.was_rejected();
     (reset.values, reset.greedy_values, reset.is_greedy) = (row.values, row.greedy_values, false);
     forward.info.members = row.forward_values.len();
     forward.values = row.forward_values;

@@ -40,6 +40,16 @@ pub struct DecisionRow {
 }
 
 impl DecisionRow {
+    /// Whether it is about an action of the forward agent that the rules judged: the warm-up rejects nothing.
+    pub fn is_judged_forward(&self) -> bool {
+        self.phase == "forward" && self.verdict != "warm_up"
+    }
+
+    /// Whether the proposed action was not executed as it was proposed.
+    pub fn was_rejected(&self) -> bool {
+        matches!(self.verdict.as_str(), "project" | "replace" | "abort")
+    }
+
     fn numbers(&mut self, name: &str) -> Option<&mut Vec<f32>> {
         Some(match name {
             "observation" => &mut self.observation,

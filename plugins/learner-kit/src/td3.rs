@@ -1,9 +1,6 @@
-//! The configuration, and what it may hold.
+//! The configuration of TD3.
 
-use actor_critic::{
-    Activation, Error, Loss, NoiseProcess, Valuation, check_finite_setting, check_not_negative,
-    check_positive, check_share,
-};
+use actor_critic::{Activation, Loss, NoiseProcess, Valuation, check_not_negative, check_positive};
 
 shield_api::config! {
     /// Settings of TD3. "TD3" is Fujimoto et al. 2018; "paper" is Leave no Trace, appendix C.
@@ -53,23 +50,8 @@ shield_api::config! {
     }
 }
 
-impl Td3Config {
-    /// Refuses values that cannot be. Sizes of networks are checked where these are built.
-    pub(crate) fn validate(&self) -> Result<(), Error> {
-        check_positive("actor_rate", self.actor_rate)?;
-        check_positive("critic_rate", self.critic_rate)?;
-        check_share("discount", self.discount)?;
-        check_positive("tau", self.tau)?;
-        check_share("tau", self.tau)?;
-        if let NoiseProcess::OrnsteinUhlenbeck { theta } = self.noise {
-            check_share("theta", theta)?;
-        }
-        check_positive("policy_delay", self.policy_delay as f64)?;
-        check_not_negative("target_sigma", self.target_sigma)?;
-        check_not_negative("target_clip", self.target_clip)?;
-        check_not_negative("sigma", self.sigma)?;
-        check_not_negative("final_sigma", self.final_sigma.unwrap_or(0.0))?;
-        check_finite_setting("initial_value", self.initial_value.unwrap_or(0.0))?;
-        check_positive("gradient_clip", self.gradient_clip.unwrap_or(1.0))
-    }
-}
+crate::settings::describe_agent!(Td3Config, "TD3", networks_per_member: 2, also_check: |config| {
+    check_positive("policy_delay", config.policy_delay as f64)?;
+    check_not_negative("target_sigma", config.target_sigma)?;
+    check_not_negative("target_clip", config.target_clip)
+});

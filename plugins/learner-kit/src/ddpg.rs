@@ -1,9 +1,6 @@
-//! The configuration, and what it may hold.
+//! The configuration of DDPG.
 
-use actor_critic::{
-    Activation, Error, Loss, NoiseProcess, Valuation, check_finite_setting, check_not_negative,
-    check_positive, check_share,
-};
+use actor_critic::{Activation, Loss, NoiseProcess, Valuation};
 
 shield_api::config! {
     /// Settings of DDPG. "Paper" is Leave no Trace, appendix C; what it does not give comes from Lillicrap et al. 2015
@@ -48,20 +45,4 @@ shield_api::config! {
     }
 }
 
-impl DdpgConfig {
-    /// Refuses values that cannot be. Sizes of networks are checked where these are built.
-    pub(crate) fn validate(&self) -> Result<(), Error> {
-        check_positive("actor_rate", self.actor_rate)?;
-        check_positive("critic_rate", self.critic_rate)?;
-        check_share("discount", self.discount)?;
-        check_positive("tau", self.tau)?;
-        check_share("tau", self.tau)?;
-        if let NoiseProcess::OrnsteinUhlenbeck { theta } = self.noise {
-            check_share("theta", theta)?;
-        }
-        check_not_negative("sigma", self.sigma)?;
-        check_not_negative("final_sigma", self.final_sigma.unwrap_or(0.0))?;
-        check_finite_setting("initial_value", self.initial_value.unwrap_or(0.0))?;
-        check_positive("gradient_clip", self.gradient_clip.unwrap_or(1.0))
-    }
-}
+crate::settings::describe_agent!(DdpgConfig, "DDPG", networks_per_member: 1, also_check: |_| Ok(()));

@@ -1,0 +1,38 @@
+#![doc = include_str!("../README.md")]
+#![forbid(unsafe_code)]
+
+mod ddpg;
+mod settings;
+mod td3;
+
+use actor_critic::{ErrorKind, check_unit};
+use shield_api::{Batch, Error, Result, check_finite};
+
+pub use ddpg::DdpgConfig;
+pub use td3::Td3Config;
+
+/// An error of the networks as one of a plugin.
+pub fn plugin_error(error: actor_critic::Error) -> Error {
+    let message = error.to_string();
+    match error.kind() {
+        ErrorKind::Setting => Error::invalid_config(message),
+        ErrorKind::Argument => Error::invalid_argument(message),
+        ErrorKind::Failure => Error::failed(message),
+    }
+}
+
+/// Checks everything of a batch but its actions, which depend on the space.
+///
+/// # Errors
+/// The batch is empty, something has the wrong length or is not finite, or a continuation or mask lies outside [0, 1].
+pub fn check_batch(batch: &Batch<'_>, observation_len: usize, members: usize) -> Result<()> {
+    let size = batch.size;
+    if size == 0 {
+        return Err(Error::invalid_argument("the batch is empty"));
+    }
+    check_finite("observations", batch.observations, size * observation_len)?;
+    check_finite("rewards", batch.rewards, size)?;
+    check_finite("next_observations", batch.next_observations, size * observation_len)?;
+    check_unit("continuations", batch.continuations, size).map_err(plugin_error)?;
+    check_unit("masks", batch.masks, size * members).map_err(plugin_error)
+}

@@ -1,0 +1,68 @@
+//! What the settings of an actor-critic learner have in common.
+
+/// Gives a configuration the method that describes its agent. The configurations list these fields each for itself, since their defaults
+/// and sources differ; here they are read.
+macro_rules! describe_agent {
+    ($config:ty, $name:literal, networks_per_member: $networks:literal, also_check: $check:expr) => {
+        impl $config {
+            /// The agent that these settings describe.
+            ///
+            /// # Errors
+            /// A setting that cannot be, or an action space that is not a box.
+            pub fn agent<'a>(
+                &'a self,
+                setup: &shield_api::Setup,
+            ) -> shield_api::Result<actor_critic::AgentSettings<'a>> {
+                let also_check: fn(&Self) -> Result<(), actor_critic::Error> = $check;
+                self.check_common().and_then(|()| also_check(self)).map_err($crate::plugin_error)?;
+                let spaces = setup.spaces()?;
+                let shield_api::Space::Box { low, high } = &spaces.action else {
+                    return Err(shield_api::Error::invalid_argument(concat!(
+                        $name,
+                        " needs continuous actions; for discrete ones there is ddqn"
+                    )));
+                };
+                Ok(actor_critic::AgentSettings {
+                    observation_len: spaces.observation_len(),
+                    scale: actor_critic::ActionScale::new(low, high).map_err($crate::plugin_error)?,
+                    actor_hidden: &self.actor_hidden,
+                    critic_hidden: &self.critic_hidden,
+                    activation: self.activation,
+                    members: self.critics,
+                    networks_per_member: $networks,
+                    initial_value: self.initial_value,
+                    normalise_observations: self.normalise_observations,
+                    noise: self.noise,
+                    sigma: actor_critic::Schedule {
+                        start: self.sigma,
+                        end: self.final_sigma.unwrap_or(self.sigma),
+                        steps: self.sigma_steps,
+                    },
+                    random_steps: self.random_steps,
+                    valuation: self.valuation,
+                    threads: setup.threads,
+                    seed: setup.seed,
+                })
+            }
+
+            /// Refuses values that cannot be. Sizes of networks are checked where these are built.
+            fn check_common(&self) -> Result<(), actor_critic::Error> {
+                use actor_critic::{check_finite_setting, check_not_negative, check_positive, check_share};
+                check_positive("actor_rate", self.actor_rate)?;
+                check_positive("critic_rate", self.critic_rate)?;
+                check_share("discount", self.discount)?;
+                check_positive("tau", self.tau)?;
+                check_share("tau", self.tau)?;
+                if let actor_critic::NoiseProcess::OrnsteinUhlenbeck { theta } = self.noise {
+                    check_share("theta", theta)?;
+                }
+                check_not_negative("sigma", self.sigma)?;
+                check_not_negative("final_sigma", self.final_sigma.unwrap_or(0.0))?;
+                check_finite_setting("initial_value", self.initial_value.unwrap_or(0.0))?;
+                check_positive("gradient_clip", self.gradient_clip.unwrap_or(1.0))
+            }
+        }
+    };
+}
+
+pub(crate) use describe_agent;
