@@ -16,10 +16,10 @@ use parquet::{
     basic::{Compression, ConvertedType, Repetition, Type as PhysicalType},
     data_type::{ByteArray, ByteArrayType, FloatType, Int64Type},
     file::{
-        properties::{WriterProperties, WriterPropertiesPtr},
+        properties::{EnabledStatistics, WriterProperties, WriterPropertiesBuilder, WriterPropertiesPtr},
         writer::SerializedFileWriter,
     },
-    schema::types::{Type, TypePtr},
+    schema::types::{ColumnPath, Type, TypePtr},
 };
 
 use serde::{Deserialize, Serialize};
@@ -92,6 +92,33 @@ fn schema(widths: Widths) -> Result<TypePtr> {
     Ok(Arc::new(Type::group_type_builder("decisions").with_fields(fields).build()?))
 }
 
+/// Numbers seldom repeat: a dictionary of them, and their extremes, would take most of the time and be of no use.
+fn properties() -> WriterProperties {
+    let plain = WriterProperties::builder()
+        .set_compression(Compression::SNAPPY)
+        .set_max_row_group_row_count(Some(ROWS))
+        .set_statistics_enabled(EnabledStatistics::None)
+        .set_dictionary_enabled(false);
+    let with_texts = |properties, name| {
+        WriterPropertiesBuilder::set_column_dictionary_enabled(properties, ColumnPath::from(name), true)
+    };
+    TEXTS.into_iter().fold(plain, with_texts).build()
+}
+
+/// Texts of which there are few, each kept once.
+#[derive(Default)]
+struct Repeated(Vec<ByteArray>);
+
+impl Repeated {
+    fn of(&mut self, text: &str) -> ByteArray {
+        if let Some(known) = self.0.iter().find(|known| known.data() == text.as_bytes()) {
+            return known.clone();
+        }
+        self.0.push(ByteArray::from(text));
+        ByteArray::from(text)
+    }
+}
+
 /// Where a log stands at a checkpoint: the number of the present part, and how many decisions it has so far.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct DecisionState {
@@ -110,6 +137,7 @@ pub struct DecisionLog {
     writer: Option<SerializedFileWriter<File>>,
     steps: Vec<i64>,
     texts: [Vec<ByteArray>; TEXTS.len()],
+    repeated: Repeated,
     states: Vec<ByteArray>,
     /// Row by row.
     numbers: Vec<f32>,
@@ -141,19 +169,16 @@ impl DecisionLog {
     }
 
     fn new(folder: PathBuf, first_part: u32) -> Self {
-        let properties = WriterProperties::builder()
-            .set_compression(Compression::SNAPPY)
-            .set_max_row_group_row_count(Some(ROWS))
-            .build();
         Self {
             folder,
             part: first_part,
             rows: 0,
-            properties: Arc::new(properties),
+            properties: Arc::new(properties()),
             widths: None,
             writer: None,
             steps: Vec::new(),
             texts: Default::default(),
+            repeated: Repeated::default(),
             states: Vec::new(),
             numbers: Vec::new(),
             column: Vec::new(),
@@ -193,7 +218,8 @@ impl DecisionLog {
     fn add(&mut self, step: u64, texts: [&str; 3], state: &[u8], numbers: [&[f32]; 8]) -> Result<()> {
         let widths = *self.widths.get_or_insert_with(|| Widths::of(numbers));
         self.steps.push(i64::try_from(step)?);
-        self.texts.iter_mut().zip(texts).for_each(|(column, text)| column.push(ByteArray::from(text)));
+        let repeated = &mut self.repeated;
+        self.texts.iter_mut().zip(texts).for_each(|(column, text)| column.push(repeated.of(text)));
         self.states.push(ByteArray::from(state.to_vec()));
         for (numbers, (_, width)) in numbers.iter().zip(widths.columns()) {
             self.numbers.extend((0..width).map(|index| numbers.get(index).copied().unwrap_or(f32::NAN)));
