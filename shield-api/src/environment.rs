@@ -28,7 +28,8 @@ pub struct ResetKind {
 pub struct StepOutcome {
     /// Reward of the task, r_f(s, a) in the paper.
     pub forward_reward: f32,
-    /// Reward of undoing the task, r_r(s) in the paper: large where initial states are likely.
+    /// Reward of undoing the task, r_r(s) in the paper: large where initial states are likely. Within [0, 1], so that the reset value lies within
+    /// [0, 1/(1−γ)] and Q_min can be chosen in advance; `shield env check` says so where it does not.
     pub reset_reward: f32,
     /// The new state is in S_reset: it counts as reset.
     pub in_reset_set: bool,

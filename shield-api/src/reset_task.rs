@@ -5,7 +5,7 @@ use crate::{Checkpoint, Result};
 /// How well a transition leads back to the start.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ResetSignal {
-    /// r_r of the paper: large where initial states are likely.
+    /// r_r of the paper: large where initial states are likely. Within [0, 1], as [`StepOutcome::reset_reward`](crate::StepOutcome) is.
     pub reward: f32,
     /// The next state is in S_reset.
     pub in_reset_set: bool,
