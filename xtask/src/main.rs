@@ -122,7 +122,7 @@ fn run(chore: Chore) -> anyhow::Result<ExitCode> {
         Chore::Test { peers: true, .. } => return peers::test(root),
         Chore::Test { stages, peers: false } => return stages::run(root, &stages),
         Chore::Header => {
-            let test = ["test", "--quiet", "--package", "shield-tests", "--test", "header"];
+            let test = ["test", "--quiet", "--workspace", "--test", "header"];
             cargo::run(cargo::command(root).args(test).env("SHIELD_WRITE_HEADER", "1"))?;
         }
         Chore::Bench { peers: true, .. } => peers::bench(root)?,

@@ -19,11 +19,12 @@ pub fn test(root: &Path) -> anyhow::Result<ExitCode> {
     let target = cargo::target_folder()?;
     let exported = target.join("peers");
     fs::create_dir_all(&exported).with_context(|| format!("cannot create {}", exported.display()))?;
-    let test = ["test", "--quiet", "--package", "mujoco-robots", "--lib", "peers", "--", "--include-ignored"];
+    // Of the whole workspace, here and below: for one package, Cargo would choose other features and build every dependency once more.
+    let test = ["test", "--quiet", "--workspace", "--lib", "peers", "--", "--include-ignored"];
     cargo::run(cargo::command(root).args(test).env("SHIELD_PEERS_FOLDER", &exported))?;
     let in_python: [&[&str]; 2] = [
         &["test", "--quiet", "--package", "gymnasium", "--", "--ignored"],
-        &["test", "--quiet", "--package", "shield-tests", "--test", "command_line", "--", "--ignored"],
+        &["test", "--quiet", "--workspace", "--test", "command_line", "--", "--ignored"],
     ];
     for test in in_python {
         cargo::run(cargo::command(root).args(test).env("SHIELD_PEERS_PYTHON", &python))?;
