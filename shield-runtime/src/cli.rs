@@ -6,6 +6,7 @@ mod explain;
 mod plugin;
 mod progress;
 mod render;
+mod report;
 mod resume;
 mod run;
 mod session;
@@ -40,6 +41,7 @@ Examples:
   shield explain runs/mine/shielded/seed-0 --step 1234     why an action was rejected
   shield what-if runs/mine/shielded/seed-0 --q-min 5,10    what another threshold would have rejected
   shield eval runs/quickstart --episodes 100 --shielded    how good the agents are, behind the shield
+  shield report runs/quickstart --png pictures             a page with figures, and these as files
   shield plugin list                                       what can be named in an experiment
   shield render examples/gridworld.ron --out grid.gif --train-steps 2000
   shield env check mujoco/cliff-cheetah                    what must hold of every environment
@@ -61,6 +63,11 @@ enum Command {
     WhatIf(what_if::WhatIfArguments),
     /// Lets the agents of finished or stopped runs act in fresh episodes.
     Eval(eval::EvalArguments),
+    /// Shows what the runs of an experiment came to, on one page and in pictures.
+    ///
+    /// One self-contained page: final table, curves with median and quartiles over the seeds, where the shield aborted, how the variants differ,
+    /// and which plugins it was.
+    Report(report::ReportArguments),
     /// Finds, shows, makes and pins plugins.
     #[command(subcommand)]
     Plugin(plugin::PluginCommand),
@@ -125,6 +132,7 @@ pub fn main() -> ExitCode {
         Command::Explain(arguments) => explain::explain(arguments),
         Command::WhatIf(arguments) => what_if::what_if(arguments, &registry),
         Command::Eval(arguments) => eval::run(arguments, &registry),
+        Command::Report(arguments) => report::report(arguments, &registry),
         Command::Plugin(command) => plugin::run(command, &registry),
         Command::Env(command) => env::run(command, &registry),
         Command::Render(arguments) => render::render(arguments, &registry),

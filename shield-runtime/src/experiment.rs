@@ -25,7 +25,7 @@ pub use config::{
     ProjectionConfig, QpConfig, RecordConfig, ResetAttempts, ResetTest, RuleConfig, ShieldConfig, Unlimited,
     Updates, WorkerConfig,
 };
-pub use difference::{Difference, first_difference};
+pub use difference::{Difference, differences, first_difference};
 pub use error::{InputError, Location};
 pub use overrides::Override;
 pub use variant::Variant;

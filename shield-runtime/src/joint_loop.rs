@@ -269,6 +269,7 @@ impl<'a> JointLoop<'a> {
         self.previous.copy_from_slice(&self.action);
         self.has_previous = true;
         self.counters.steps += 1;
+        self.counters.lifetime_return += f64::from(outcome.forward_reward);
         self.counters.irreversible_entries += u64::from(outcome.irreversible && !self.was_irreversible);
         self.was_irreversible = outcome.irreversible;
     }
@@ -305,7 +306,7 @@ impl<'a> JointLoop<'a> {
         let Some(evaluator) = &mut self.evaluator else { return Ok(()) };
         let reset = self.reset.as_mut().map(Agent::learner);
         let record = evaluator.run(self.counters.steps, self.forward.as_mut(), reset)?;
-        self.observer.on_evaluation(&record)
+        self.observer.on_evaluation(&record, &self.counters)
     }
 
     /// Ends an episode: the report, and the hard reset that may follow it.

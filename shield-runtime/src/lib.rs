@@ -13,6 +13,7 @@ pub mod joint_loop;
 pub mod observer;
 pub mod plugin;
 pub mod plugin_check;
+pub mod report;
 pub mod run;
 pub mod shield;
 pub mod shielded;

@@ -154,6 +154,8 @@ pub struct Counters {
     pub steps: u64,
     /// Those of forward episodes.
     pub forward_steps: u64,
+    /// Sum of the forward rewards of all steps, of both phases: what the lifetime was worth to the task.
+    pub lifetime_return: f64,
     /// Forward episodes.
     pub forward_episodes: u64,
     /// Reset episodes.
@@ -252,12 +254,12 @@ pub trait Observer {
         Ok(())
     }
 
-    /// After each evaluation.
+    /// After each evaluation, with what the run has counted until then.
     ///
     /// # Errors
     /// The observer cannot go on.
-    fn on_evaluation(&mut self, evaluation: &EvaluationRecord) -> anyhow::Result<()> {
-        let _ = evaluation;
+    fn on_evaluation(&mut self, evaluation: &EvaluationRecord, counters: &Counters) -> anyhow::Result<()> {
+        let _ = (evaluation, counters);
         Ok(())
     }
 
@@ -306,9 +308,9 @@ impl<A: Observer, B: Observer> Observer for Fanout<A, B> {
         self.1.on_metric(step, name, mean)
     }
 
-    fn on_evaluation(&mut self, evaluation: &EvaluationRecord) -> anyhow::Result<()> {
-        self.0.on_evaluation(evaluation)?;
-        self.1.on_evaluation(evaluation)
+    fn on_evaluation(&mut self, evaluation: &EvaluationRecord, counters: &Counters) -> anyhow::Result<()> {
+        self.0.on_evaluation(evaluation, counters)?;
+        self.1.on_evaluation(evaluation, counters)
     }
 
     fn on_checkpoint(&mut self, snapshot: &Snapshot<'_>) -> anyhow::Result<()> {

@@ -104,7 +104,7 @@ impl Observer for Saboteur<'_> {
         Ok(())
     }
 
-    fn on_evaluation(&mut self, evaluation: &EvaluationRecord) -> anyhow::Result<()> {
+    fn on_evaluation(&mut self, evaluation: &EvaluationRecord, _: &Counters) -> anyhow::Result<()> {
         if let Sabotage::CrashInEvaluation(step) = self.sabotage {
             anyhow::ensure!(evaluation.step != step, "crash");
         }

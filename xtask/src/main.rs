@@ -5,11 +5,12 @@ mod cargo;
 mod native;
 mod peers;
 mod python;
+mod reproduce;
 mod stages;
 mod torch;
 
 use std::ffi::OsString;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 
 use anyhow::Context;
@@ -32,7 +33,8 @@ const EXAMPLES: &str = "Examples:
   cargo xtask test --stage doc                only the examples in the documentation
   cargo xtask test --peers                    our robots against Gymnasium's and dm_control's
   cargo xtask bench --bench decision          one benchmark
-  cargo xtask bench --peers                   our learner against torch and Stable-Baselines3";
+  cargo xtask bench --peers                   our learner against torch and Stable-Baselines3
+  cargo xtask reproduce gridworld-qmin        one of the paper's experiments";
 
 #[derive(Subcommand)]
 enum Chore {
@@ -67,6 +69,11 @@ enum Chore {
     },
     /// Write `shield-api/include/shield_plugin.h` anew, after a change of the tables
     Header,
+    /// Run the paper's experiments as far as they are not recorded, and write examples/paper/RESULTS.md
+    ///
+    /// Small ones, for two cores: the first three take minutes, all together some hours. Ctrl-C keeps what is done, and the same command goes
+    /// on from there. Records and plots beside RESULTS.md are written anew.
+    Reproduce(reproduce::Arguments),
     /// Run the benchmarks
     Bench {
         /// Only this one; a pattern such as `decision*` is possible
@@ -125,6 +132,10 @@ fn run(chore: Chore) -> anyhow::Result<ExitCode> {
             let test = ["test", "--quiet", "--workspace", "--test", "header"];
             cargo::run(cargo::command(root).args(test).env("SHIELD_WRITE_HEADER", "1"))?;
         }
+        Chore::Reproduce(arguments) => {
+            build(root, true)?;
+            return reproduce::reproduce(root, &program()?, &arguments);
+        }
         Chore::Bench { peers: true, .. } => peers::bench(root)?,
         Chore::Bench { pattern, arguments, peers: false } => {
             let bench = ["bench", "--workspace", "--bench", &pattern, "--"];
@@ -143,10 +154,15 @@ fn build(root: &Path, optimised: bool) -> anyhow::Result<()> {
     cargo::run(&mut command)
 }
 
+/// The `shield` program as [`build`] leaves it.
+fn program() -> anyhow::Result<PathBuf> {
+    let name = format!("shield{}", std::env::consts::EXE_SUFFIX);
+    Ok(cargo::target_folder()?.join("release").join(name))
+}
+
 /// Becomes the `shield` program, or runs it where a process cannot be replaced.
 fn shield(arguments: &[OsString]) -> anyhow::Result<ExitCode> {
-    let name = format!("shield{}", std::env::consts::EXE_SUFFIX);
-    let program = cargo::target_folder()?.join("release").join(name);
+    let program = program()?;
     let mut command = Command::new(&program);
     command.args(arguments);
     #[cfg(unix)]

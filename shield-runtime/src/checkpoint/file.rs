@@ -10,7 +10,7 @@ use serde::{Serialize, de::DeserializeOwned};
 
 const MAGIC: &[u8; 8] = b"SHIELDCP";
 /// To be raised with every change of what is saved: the body does not describe itself.
-const VERSION: u32 = 1;
+const VERSION: u32 = 2;
 /// Magic, version, length of the body, its checksum.
 const HEADER: usize = 8 + 4 + 8 + 4;
 

@@ -64,7 +64,7 @@ impl Observer for Progress {
         Ok(())
     }
 
-    fn on_evaluation(&mut self, evaluation: &EvaluationRecord) -> Result<()> {
+    fn on_evaluation(&mut self, evaluation: &EvaluationRecord, _counters: &Counters) -> Result<()> {
         self.has_evaluation = true;
         self.last_return = evaluation.mean_return;
         Ok(())

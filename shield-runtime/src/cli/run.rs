@@ -6,6 +6,7 @@ use clap::Args;
 use shield_runtime::{
     experiment::{ExperimentFile, Override, Variant},
     plugin::Registry,
+    report::Record,
     run::{Identity, RunFolder, prepare},
 };
 
@@ -40,6 +41,9 @@ pub struct RunArguments {
     /// Removes earlier results of the same runs. Without it, finished runs are kept and unfinished ones go on.
     #[arg(long)]
     overwrite: bool,
+    /// A record of runs, as `shield report --record` writes it: those that it has with the same configuration are not made again.
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
 }
 
 /// Runs an experiment and prints its table.
@@ -50,7 +54,15 @@ pub fn run(arguments: &RunArguments, registry: &Registry) -> Result<(), Failure>
     for variant in &variants {
         prepare(registry, variant, variant.experiment.seeds[0])?;
     }
-    Session::new(registry, arguments.jobs, arguments.overwrite).work(jobs(arguments, &variants))?;
+    let record = match &arguments.record {
+        Some(path) if path.exists() => {
+            Some(Record::read(path).map_err(|error| Failure::Input(format!("{error:#}")))?)
+        }
+        _ => None,
+    };
+    Session::new(registry, arguments.jobs, arguments.overwrite)
+        .with_record(record)
+        .work(jobs(arguments, &variants))?;
     println!("Runs are in {}.", arguments.out.join(&variants[0].experiment.name).display());
     Ok(())
 }

@@ -14,6 +14,7 @@ use indicatif::MultiProgress;
 use shield_runtime::{
     experiment::Variant,
     plugin::Registry,
+    report::Record,
     run::{Identity, Order, RunFolder, Standing, Summary},
 };
 
@@ -43,6 +44,7 @@ pub struct Session<'a> {
     registry: &'a Registry,
     jobs: Option<usize>,
     overwrite: bool,
+    record: Option<Record>,
     display: MultiProgress,
 }
 
@@ -55,7 +57,14 @@ struct Outcomes {
 impl<'a> Session<'a> {
     /// `jobs` runs at the same time; earlier results are replaced if `overwrite` says so.
     pub fn new(registry: &'a Registry, jobs: Option<usize>, overwrite: bool) -> Self {
-        Self { registry, jobs, overwrite, display: MultiProgress::new() }
+        Self { registry, jobs, overwrite, record: None, display: MultiProgress::new() }
+    }
+
+    /// Runs that are kept in `record` are not made again.
+    #[must_use]
+    pub fn with_record(mut self, record: Option<Record>) -> Self {
+        self.record = record;
+        self
     }
 
     /// Makes every run that is not finished, and prints the table of all.
@@ -92,6 +101,11 @@ impl<'a> Session<'a> {
     fn missing(&self, jobs: Vec<Job>, outcomes: &mut Outcomes) -> Result<VecDeque<Job>, Failure> {
         let mut missing = VecDeque::new();
         for job in jobs {
+            let record = self.record.as_ref().filter(|_| !self.overwrite);
+            if let Some(summary) = record.and_then(|record| record.summary_of(&job.order(self.registry))) {
+                outcomes.summaries.push(summary.clone());
+                continue;
+            }
             let standing =
                 if self.overwrite { Ok(Standing::Missing) } else { job.order(self.registry).standing() };
             let path = job.folder.path().display();

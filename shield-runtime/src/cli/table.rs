@@ -1,7 +1,7 @@
 //! The table at the end of an experiment.
 
 use comfy_table::{CellAlignment, Table, presets::UTF8_FULL_CONDENSED};
-use shield_runtime::run::Summary;
+use shield_runtime::{report::median, run::Summary};
 
 /// A column: its heading, the figure of one run, and how many decimals it has.
 struct Column {
@@ -77,14 +77,6 @@ fn cell(column: &Column, runs: &[&Summary]) -> String {
     if low == high { middle } else { format!("{middle}\n{low} to {high}") }
 }
 
-/// The median; of an even number, the mean of the middle two.
-fn median(figures: &[f64]) -> f64 {
-    let mut sorted = figures.to_vec();
-    sorted.sort_by(f64::total_cmp);
-    let middle = sorted.len() / 2;
-    if sorted.len().is_multiple_of(2) { (sorted[middle - 1] + sorted[middle]) / 2.0 } else { sorted[middle] }
-}
-
 #[cfg(test)]
 mod tests {
     use shield_runtime::{observer::Counters, run::Identity};
@@ -104,10 +96,5 @@ mod tests {
         let text = results(&["a".into(), "b".into()], &runs);
         assert!(text.contains("1 to 9"), "{text}");
         assert!(text.contains("note: b spent less than half") && !text.contains("note: a"), "{text}");
-    }
-
-    #[test]
-    fn an_even_number_of_seeds_has_the_mean_of_the_middle_as_median() {
-        assert_eq!(median(&[4.0, 1.0, 2.0, 9.0]), 3.0);
     }
 }

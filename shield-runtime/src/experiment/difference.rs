@@ -3,9 +3,9 @@
 use std::fmt;
 
 use super::resolved::flat;
-use super::tree::Node;
+use super::tree::{Entry, Node};
 
-/// The first field that differs.
+/// A field that differs.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Difference {
     /// Path of the field, such as `shield.rules[0].config.q_min`.
@@ -25,55 +25,64 @@ impl fmt::Display for Difference {
 
 /// Compares two resolved configurations of one run; `None` if they give the same results. `threads` may differ.
 pub fn first_difference(first: &str, second: &str) -> Option<Difference> {
-    let whole = |text: &str| (!text.trim().is_empty()).then(|| "not RON".to_owned());
-    match (Node::parse(first), Node::parse(second)) {
-        (Ok(one), Ok(other)) => differ("", (&one, first), (&other, second)),
-        _ if first == second => None,
-        _ => Some(Difference { path: "config.ron".into(), first: whole(first), second: whole(second) }),
-    }
+    differences(first, second).into_iter().next()
 }
 
-fn differ(path: &str, one: (&Node, &str), other: (&Node, &str)) -> Option<Difference> {
-    let ((a, first), (b, second)) = (one, other);
-    if path == "threads" {
-        return None;
-    }
-    let here = |first: Option<String>, second: Option<String>, path: String| {
-        Some(Difference { path, first, second })
-    };
-    let is_compound = a.children().next().is_some() && b.children().next().is_some();
-    if !is_compound {
-        let (x, y) = (flat(a, first), flat(b, second));
-        return if x == y { None } else { here(Some(x), Some(y), path.to_owned()) };
-    }
-    let (x, y) = (name(a, first), name(b, second));
-    if x != y {
-        return here(Some(flat(a, first)), Some(flat(b, second)), path.to_owned());
-    }
-    for entry in a.entries() {
-        let inside = join(path, &entry.key);
-        match b.entries().iter().find(|candidate| candidate.key == entry.key) {
-            Some(found) => {
-                if let Some(found) = differ(&inside, (&entry.value, first), (&found.value, second)) {
-                    return Some(found);
-                }
-            }
-            None => return here(Some(flat(&entry.value, first)), None, inside),
+/// Every field in which two resolved configurations differ, in the order of the first. `threads` may.
+pub fn differences(first: &str, second: &str) -> Vec<Difference> {
+    let whole = |text: &str| (!text.trim().is_empty()).then(|| "not RON".to_owned());
+    let mut found = Vec::new();
+    match (Node::parse(first), Node::parse(second)) {
+        (Ok(one), Ok(other)) => compare("", (&one, first), (&other, second), &mut found),
+        _ if first == second => (),
+        _ => {
+            found.push(Difference { path: "config.ron".into(), first: whole(first), second: whole(second) });
         }
     }
-    let is_known = |key: &str| a.entries().iter().any(|entry| entry.key == key);
-    if let Some(new) = b.entries().iter().find(|entry| !is_known(&entry.key)) {
-        return here(None, Some(flat(&new.value, second)), join(path, &new.key));
+    found
+}
+
+fn compare(path: &str, one: (&Node, &str), other: (&Node, &str), found: &mut Vec<Difference>) {
+    let ((a, first), (b, second)) = (one, other);
+    if path == "threads" {
+        return;
     }
-    if a.items().len() != b.items().len() {
-        return here(Some(flat(a, first)), Some(flat(b, second)), path.to_owned());
+    let mut differ = |first: Option<String>, second: Option<String>, path: String| {
+        found.push(Difference { path, first, second });
+    };
+    let is_compound = a.children().next().is_some() && b.children().next().is_some();
+    let has_same_name = name(a, first) == name(b, second);
+    let has_same_length = a.items().len() == b.items().len();
+    if !is_compound || !has_same_name || !has_same_length {
+        let (x, y) = (flat(a, first), flat(b, second));
+        if x != y || is_compound {
+            differ(Some(x), Some(y), path.to_owned());
+        }
+        return;
+    }
+    let place = |entries: &[Entry], key: &str| entries.iter().position(|entry| entry.key == key);
+    for entry in a.entries() {
+        if place(b.entries(), &entry.key).is_none() {
+            differ(Some(flat(&entry.value, first)), None, join(path, &entry.key));
+        }
+    }
+    for entry in b.entries() {
+        if place(a.entries(), &entry.key).is_none() {
+            differ(None, Some(flat(&entry.value, second)), join(path, &entry.key));
+        }
+    }
+    for entry in a.entries() {
+        if let Some(at) = place(b.entries(), &entry.key) {
+            let other = &b.entries()[at].value;
+            compare(&join(path, &entry.key), (&entry.value, first), (other, second), found);
+        }
     }
     // `Some(…)` and the like around one value are no place of their own in a path.
     let is_wrapper = a.named && a.items().len() == 1;
-    a.items().iter().zip(b.items()).enumerate().find_map(|(index, (one, other))| {
+    for (index, (one, other)) in a.items().iter().zip(b.items()).enumerate() {
         let inside = if is_wrapper { path.to_owned() } else { format!("{path}[{index}]") };
-        differ(&inside, (one, first), (other, second))
-    })
+        compare(&inside, (one, first), (other, second), found);
+    }
 }
 
 /// What stands before the bracket.
@@ -112,5 +121,13 @@ mod tests {
         check("A(a: 1, threads: 2)", "A(a: 1, threads: 1)", None);
         check("// one\nA(a: 1)", "// other\nA(a: 1)", None);
         check("(", "A(a: 1)", Some("config.ron"));
+    }
+
+    #[test]
+    fn every_field_that_differs_is_listed_once() {
+        let found = differences("A(a: 1, b: (c: 2, d: [1, 2]), e: 3)", "A(a: 2, b: (c: 2, d: [1, 3]), f: 3)");
+        let mut paths: Vec<&str> = found.iter().map(|difference| difference.path.as_str()).collect();
+        paths.sort_unstable();
+        assert_eq!(paths, ["a", "b.d[1]", "e", "f"]);
     }
 }

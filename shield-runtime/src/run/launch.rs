@@ -167,7 +167,8 @@ impl Order<'_> {
         Ok(serde_json::to_string_pretty(&identities)? + "\n")
     }
 
-    fn provenance(&self) -> Provenance {
+    /// What the run is made of.
+    pub(crate) fn provenance(&self) -> Provenance {
         let manifests = manifests(self.registry, &self.variant.experiment);
         let fields_of = |id: &str| {
             let fields = manifests.iter().find(|manifest| manifest.id == id).map(|manifest| &manifest.fields);

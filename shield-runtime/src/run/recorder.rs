@@ -309,6 +309,7 @@ impl Observer for Recorder {
             forward_steps: counters.forward_steps,
             hard_reset_cost: counters.hard_reset_cost,
             reset_value: episode.reset_value,
+            lifetime_return: counters.lifetime_return,
         })?;
         self.events.scalars(
             counters.steps,
@@ -318,6 +319,7 @@ impl Observer for Recorder {
                 ("counts/hard_resets", counters.hard_resets as f64),
                 ("counts/irreversible_entries", counters.irreversible_entries as f64),
                 ("counts/forward_steps", counters.forward_steps as f64),
+                ("lifetime/return", counters.lifetime_return),
             ],
         )?;
         self.episodes += 1;
@@ -333,7 +335,7 @@ impl Observer for Recorder {
         self.learning.write(&LearningRow { step, metric: name, mean })
     }
 
-    fn on_evaluation(&mut self, evaluation: &EvaluationRecord) -> Result<()> {
+    fn on_evaluation(&mut self, evaluation: &EvaluationRecord, counters: &Counters) -> Result<()> {
         self.results.add(evaluation, self.solved_at);
         self.events.scalars(
             evaluation.step,
@@ -350,6 +352,8 @@ impl Observer for Recorder {
             success_rate,
             irreversible_entries,
             steps,
+            lifetime_return: counters.lifetime_return,
+            hard_resets: counters.hard_resets,
         })
     }
 

@@ -34,6 +34,9 @@ pub struct Summary {
     pub steps: u64,
     /// Those of forward episodes.
     pub forward_steps: u64,
+    /// Sum of the forward rewards of all steps, of both phases; `None` of a run that did not count them.
+    #[serde(default)]
+    pub lifetime_return: Option<f64>,
     /// Forward episodes.
     pub forward_episodes: u64,
     /// Reset episodes.
@@ -128,6 +131,7 @@ impl Summary {
             error: None,
             steps: counters.steps,
             forward_steps: counters.forward_steps,
+            lifetime_return: Some(counters.lifetime_return),
             forward_episodes: counters.forward_episodes,
             reset_episodes: counters.reset_episodes,
             early_aborts: counters.early_aborts,

@@ -37,6 +37,7 @@ pub(super) struct MetricsRow {
     pub forward_steps: u64,
     pub hard_reset_cost: f64,
     pub reset_value: Option<f32>,
+    pub lifetime_return: f64,
 }
 
 /// `interventions.csv`: a rejected action.
@@ -64,6 +65,8 @@ pub(super) struct EvaluationRow {
     pub success_rate: f64,
     pub irreversible_entries: u64,
     pub steps: u64,
+    pub lifetime_return: f64,
+    pub hard_resets: u64,
 }
 
 /// `learning.csv`: a learner's own figure.

@@ -237,7 +237,7 @@ impl Observer for Notebook {
         Ok(())
     }
 
-    fn on_evaluation(&mut self, evaluation: &EvaluationRecord) -> anyhow::Result<()> {
+    fn on_evaluation(&mut self, evaluation: &EvaluationRecord, _: &Counters) -> anyhow::Result<()> {
         self.evaluations.push(*evaluation);
         Ok(())
     }

@@ -1,0 +1,231 @@
+//! `shield report`: what runs came to, on one page and in pictures.
+
+use std::{
+    fs,
+    path::{Path, PathBuf},
+};
+
+use anyhow::{Context, Result, ensure};
+use base64::{Engine, prelude::BASE64_STANDARD};
+use clap::Args;
+use shield_api::{Environment, Frame};
+use shield_runtime::{
+    experiment::ExperimentFile,
+    film::{Picture, SharedEnvironment},
+    plugin::Registry,
+    report::{Figure, Places, Record, VariantRecord, encode_png, figures, page, png, svg},
+    run::{RunFolder, prepare},
+};
+
+use super::{Failure, eval::runs_in};
+
+/// Arguments of `shield report`.
+#[derive(Args)]
+pub struct ReportArguments {
+    /// Folders of runs of one experiment, such as runs/mine; or a record of them, a file that --record wrote.
+    #[arg(required = true)]
+    sources: Vec<PathBuf>,
+    /// The page. Default: report.html in the first folder, or beside the record.
+    #[arg(long)]
+    out: Option<PathBuf>,
+    /// Variants to show, in this order, for example shielded,status-quo.
+    #[arg(long, value_delimiter = ',')]
+    variants: Option<Vec<String>>,
+    /// Figures to show, by the names of their files, for example return,hard-resets.
+    #[arg(long, value_delimiter = ',')]
+    figures: Option<Vec<String>>,
+    /// Writes each figure as a PNG file into this folder, too.
+    #[arg(long, value_name = "FOLDER")]
+    png: Option<PathBuf>,
+    /// Writes each figure as an SVG file into this folder, too.
+    #[arg(long, value_name = "FOLDER")]
+    svg: Option<PathBuf>,
+    /// What the names of these files begin with.
+    #[arg(long, default_value = "")]
+    prefix: String,
+    /// Keeps what the page is made of in this file, a few kilobytes a run. What it has already of other runs stays.
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
+    /// The two dimensions of an observation by which aborts are placed.
+    #[arg(long, value_delimiter = ',', num_args = 1, default_values_t = [0, 1])]
+    dimensions: Vec<usize>,
+}
+
+/// A figure that the environment drew.
+struct Drawn {
+    name: String,
+    title: String,
+    picture: Picture,
+}
+
+/// Writes the page and whatever else was asked for.
+pub fn report(arguments: &ReportArguments, registry: &Registry) -> Result<(), Failure> {
+    let input = |error: anyhow::Error| Failure::Input(format!("{error:#}"));
+    let mut record = read(arguments)?;
+    if let Some(path) = &arguments.record {
+        record.write(path).map_err(input)?;
+        println!("{}", path.display());
+    }
+    choose(&mut record, arguments).map_err(input)?;
+    write(&record, arguments, registry).map_err(|error| Failure::Run(format!("{error:#}")))
+}
+
+/// The record that the sources are, with what --record has already.
+fn read(arguments: &ReportArguments) -> Result<Record, Failure> {
+    let input = |error: anyhow::Error| Failure::Input(format!("{error:#}"));
+    let &[x, y] = arguments.dimensions.as_slice() else {
+        return Err(Failure::Input("--dimensions takes two numbers, for example 0,1".into()));
+    };
+    let mut record = match &arguments.record {
+        Some(path) if path.exists() => Record::read(path).map_err(input)?,
+        _ => Record::default(),
+    };
+    let mut folders: Vec<RunFolder> = Vec::new();
+    for source in &arguments.sources {
+        if source.is_file() {
+            record.merge(Record::read(source).map_err(input)?).map_err(input)?;
+        } else {
+            folders.extend(runs_in(source)?);
+        }
+    }
+    let (runs, unfinished) = Record::of_runs(&folders, [x, y]).map_err(input)?;
+    for path in unfinished {
+        eprintln!("warning: {path} is not finished and left out");
+    }
+    if !runs.variants.is_empty() {
+        record.merge(runs).map_err(input)?;
+    }
+    if record.variants.is_empty() {
+        return Err(Failure::Input("no run is finished: `shield resume` goes on with those that were stopped".into()));
+    }
+    Ok(record)
+}
+
+fn choose(record: &mut Record, arguments: &ReportArguments) -> Result<()> {
+    let Some(wanted) = &arguments.variants else { return Ok(()) };
+    let mut chosen = Vec::with_capacity(wanted.len());
+    for name in wanted {
+        let variant = record.variants.iter().find(|variant| variant.name == *name);
+        let known = || record.variants.iter().map(|variant| variant.name.as_str()).collect::<Vec<_>>().join(", ");
+        chosen.push(variant.with_context(|| format!("there is no variant {name}; there are: {}", known()))?.clone());
+    }
+    record.variants = chosen;
+    Ok(())
+}
+
+fn write(record: &Record, arguments: &ReportArguments, registry: &Registry) -> Result<()> {
+    let mut drawn = drawings(record, registry);
+    let mut figures = figures(record);
+    if let Some(wanted) = &arguments.figures {
+        let names = figures.iter().map(Figure::name).chain(drawn.iter().map(|drawn| drawn.name.as_str()));
+        let names: Vec<&str> = names.collect();
+        let unknown = wanted.iter().find(|name| !names.contains(&name.as_str()));
+        ensure!(unknown.is_none(), "there is no such figure; there are: {}", names.join(", "));
+        figures.retain(|figure| wanted.iter().any(|name| name == figure.name()));
+        drawn.retain(|drawn| wanted.contains(&drawn.name));
+    }
+    let place = |folder: &Path, name: &str, extension: &str| {
+        folder.join(format!("{}{name}.{extension}", arguments.prefix))
+    };
+    if let Some(folder) = &arguments.png {
+        for figure in &figures {
+            save(&place(folder, figure.name(), "png"), &png(figure)?)?;
+        }
+        for drawn in &drawn {
+            save(&place(folder, &drawn.name, "png"), &encoded(&drawn.picture)?)?;
+        }
+    }
+    let mut pictures = Vec::with_capacity(drawn.len());
+    for drawn in drawn {
+        let text = framed(&drawn)?;
+        pictures.push((drawn.name, drawn.title, text));
+    }
+    if let Some(folder) = &arguments.svg {
+        for figure in &figures {
+            save(&place(folder, figure.name(), "svg"), svg(figure)?.as_bytes())?;
+        }
+        for (name, _, text) in &pictures {
+            save(&place(folder, name, "svg"), text.as_bytes())?;
+        }
+    }
+    let out = arguments.out.clone().unwrap_or_else(|| match &arguments.sources[0] {
+        source if source.is_dir() => source.join("report.html"),
+        source => source.with_extension("html"),
+    });
+    save(&out, page(record, &figures, &pictures)?.as_bytes())?;
+    println!("{}", out.display());
+    Ok(())
+}
+
+fn save(path: &Path, bytes: &[u8]) -> Result<()> {
+    path.parent()
+        .map_or(Ok(()), fs::create_dir_all)
+        .and_then(|()| fs::write(path, bytes))
+        .with_context(|| format!("{} cannot be written", path.display()))
+}
+
+/// Where variants with discrete observations were aborted, drawn by their environments, which alone know where a cell lies.
+fn drawings(record: &Record, registry: &Registry) -> Vec<Drawn> {
+    let mut drawings = Vec::new();
+    for variant in &record.variants {
+        let Some(counts) = cells(variant) else { continue };
+        match drawing(variant, &counts, registry) {
+            Ok(drawn) => drawings.push(drawn),
+            Err(error) => eprintln!("warning: {}: no picture of its aborts: {error:#}", variant.name),
+        }
+    }
+    drawings
+}
+
+/// Early aborts by cell, of all seeds together.
+fn cells(variant: &VariantRecord) -> Option<Vec<u64>> {
+    let mut sum: Option<Vec<u64>> = None;
+    for run in &variant.runs {
+        let Some(Places::Cells(counts)) = &run.aborts else { continue };
+        let sum = sum.get_or_insert_with(|| vec![0; counts.len()]);
+        sum.iter_mut().zip(counts).for_each(|(sum, count)| *sum += count);
+    }
+    sum
+}
+
+fn drawing(variant: &VariantRecord, counts: &[u64], registry: &Registry) -> Result<Drawn> {
+    let file = ExperimentFile::from_text("the record", variant.config.as_str());
+    let variants = file.variants(&[], None)?;
+    let first = variants.first().context("the record has no configuration")?;
+    let mut shared = None;
+    prepare(registry, first, 0)?.participants.world.map_environment(|environment| {
+        let environment = SharedEnvironment::new(environment);
+        shared = Some(environment.clone());
+        Box::new(environment)
+    });
+    let mut environment = shared.context("there is no environment")?;
+    let [width, height] = environment.frame_size();
+    let mut picture = Picture::new(width, height);
+    let most = counts.iter().copied().max().unwrap_or(0).max(1);
+    let shades: Vec<f32> = counts.iter().map(|count| *count as f32 / most as f32).collect();
+    environment.render(&mut Frame::new(width, height, picture.pixels_mut())?.with_shades(&shades))?;
+    let total: u64 = counts.iter().sum();
+    Ok(Drawn {
+        name: format!("where-{}", variant.name),
+        title: format!("{}: {total} early aborts, at most {most} in a cell", variant.name),
+        picture,
+    })
+}
+
+fn encoded(picture: &Picture) -> Result<Vec<u8>> {
+    encode_png(picture.pixels(), [picture.width() as u32, picture.height() as u32])
+}
+
+/// A picture with its title, as an SVG document.
+fn framed(drawn: &Drawn) -> Result<String> {
+    let [width, height] = [drawn.picture.width(), drawn.picture.height()];
+    let image = BASE64_STANDARD.encode(encoded(&drawn.picture)?);
+    let title = drawn.title.replace('&', "&amp;").replace('<', "&lt;");
+    Ok(format!(
+        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {}\" width=\"{width}\">\
+         <text x=\"{}\" y=\"20\" text-anchor=\"middle\" font-family=\"sans-serif\" font-size=\"14\">{title}</text>\
+         <image y=\"32\" width=\"{width}\" height=\"{height}\" href=\"data:image/png;base64,{image}\"/></svg>\n",
+        height + 32,
+        width / 2,
+    ))
+}

@@ -1,0 +1,17 @@
+//! What runs came to, for people: records, figures, and one page.
+
+mod course;
+mod draw;
+mod figures;
+mod page;
+mod places;
+mod record;
+mod statistics;
+
+pub use course::{Course, EvaluationCourse};
+pub use draw::{encode_png, png, svg};
+pub use figures::{Band, Dots, Figure, HeatMap, Lines, Row, figures};
+pub use page::page;
+pub use places::Places;
+pub use record::{Record, RunRecord, VariantRecord, natural_order};
+pub use statistics::{Spread, median};

@@ -1,0 +1,263 @@
+//! What is drawn of a record: the figures' data, without a pixel.
+
+use super::{
+    course::Course,
+    places::Places,
+    record::{Record, RunRecord, VariantRecord},
+    statistics::Spread,
+};
+
+/// A figure, with the name of its file.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Figure {
+    /// Something against the steps of a run, a line for each variant.
+    Lines(Lines),
+    /// Something at the end of a run, a row for each variant.
+    Dots(Dots),
+    /// How often something happened, over a plane.
+    HeatMap(HeatMap),
+}
+
+/// Lines with the middle half of the seeds around each.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Lines {
+    /// Name of the file.
+    pub name: String,
+    /// What it shows.
+    pub title: String,
+    /// The vertical axis, with its unit.
+    pub axis: String,
+    /// A line per variant.
+    pub bands: Vec<Band>,
+}
+
+/// One line.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Band {
+    /// The variant.
+    pub name: String,
+    /// Environment steps, and what the seeds had then.
+    pub points: Vec<(f64, Spread)>,
+}
+
+/// Medians and the middle half of the seeds, a row per variant.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Dots {
+    /// Name of the file.
+    pub name: String,
+    /// What it shows.
+    pub title: String,
+    /// The horizontal axis, with its unit.
+    pub axis: String,
+    /// A row per variant.
+    pub rows: Vec<Row>,
+}
+
+/// One row.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Row {
+    /// The variant.
+    pub name: String,
+    /// Over the seeds.
+    pub spread: Spread,
+    /// Each seed's figure.
+    pub seeds: Vec<f64>,
+}
+
+/// Counts over a plane.
+#[derive(Debug, Clone, PartialEq)]
+pub struct HeatMap {
+    /// Name of the file.
+    pub name: String,
+    /// What it shows.
+    pub title: String,
+    /// The two axes.
+    pub axes: [String; 2],
+    /// Least and largest value of each axis.
+    pub ranges: [[f64; 2]; 2],
+    /// How many fields there are in each direction.
+    pub fields: usize,
+    /// Counts, row by row from below.
+    pub counts: Vec<f64>,
+}
+
+impl Figure {
+    /// Name of the file, without its extension.
+    pub fn name(&self) -> &str {
+        match self {
+            Self::Lines(Lines { name, .. }) | Self::Dots(Dots { name, .. }) => name,
+            Self::HeatMap(HeatMap { name, .. }) => name,
+        }
+    }
+
+    /// What it shows.
+    pub fn title(&self) -> &str {
+        match self {
+            Self::Lines(Lines { title, .. }) | Self::Dots(Dots { title, .. }) => title,
+            Self::HeatMap(HeatMap { title, .. }) => title,
+        }
+    }
+}
+
+/// Fields of a heat map in each direction.
+const FIELDS: usize = 24;
+
+/// Every figure of a record that has something to show. Cells of discrete spaces are not among them: only an environment knows where they lie.
+pub fn figures(record: &Record) -> Vec<Figure> {
+    let variants = &record.variants;
+    let mut figures = Vec::new();
+    let mut lines = |name: &str, title: &str, axis: &str, bands: Vec<Band>| {
+        if bands.iter().any(Band::is_worth_drawing) {
+            let (name, title, axis) = (name.into(), title.into(), axis.into());
+            figures.push(Figure::Lines(Lines { name, title, axis, bands }));
+        }
+    };
+    let evaluated = |figure: fn(&RunRecord, usize) -> f64| {
+        variants.iter().map(|variant| evaluations(variant, figure)).collect::<Vec<_>>()
+    };
+    let counted = |figure: fn(&Course, usize) -> f64| {
+        variants.iter().map(|variant| course(variant, figure)).collect::<Vec<_>>()
+    };
+    lines(
+        "return",
+        "Task, from the start (greedy evaluation)",
+        "mean return of an episode",
+        evaluated(|run, at| run.evaluations.mean_return[at]),
+    );
+    lines(
+        "success",
+        "Success, from the start (greedy evaluation)",
+        "successful episodes, %",
+        evaluated(|run, at| run.evaluations.success_rate[at] * 100.0),
+    );
+    lines(
+        "training-return",
+        "Task, while learning",
+        "mean return of a forward episode",
+        counted(|course, at| course.forward_return[at].unwrap_or(f64::NAN)),
+    );
+    lines(
+        "lifetime-reward",
+        "Task reward over the whole lifetime, both phases",
+        "mean reward of a step so far",
+        counted(|course, at| course.lifetime_return[at] / course.step[at].max(1) as f64),
+    );
+    lines("hard-resets", "Hard resets", "hard resets so far", counted(|course, at| course.hard_resets[at] as f64));
+    lines(
+        "irreversible-entries",
+        "Entries into irreversible states",
+        "entries so far",
+        counted(|course, at| course.irreversible_entries[at] as f64),
+    );
+    lines("aborts", "Early aborts", "early aborts of 1,000 steps", counted(abort_rate));
+    figures.extend(final_figures(variants));
+    figures.extend(variants.iter().filter_map(heat_map));
+    figures
+}
+
+/// Early aborts of a thousand steps within one part of a run.
+fn abort_rate(course: &Course, at: usize) -> f64 {
+    let before = |column: &[u64]| at.checked_sub(1).map_or(0, |before| column[before]);
+    let aborts = course.early_aborts[at] - before(&course.early_aborts);
+    let steps = course.step[at] - before(&course.step);
+    aborts as f64 * 1_000.0 / steps.max(1) as f64
+}
+
+impl Band {
+    /// A figure in which every line lies on zero shows nothing.
+    fn is_worth_drawing(&self) -> bool {
+        self.points.iter().any(|(_, spread)| spread.upper != 0.0 || spread.lower != 0.0)
+    }
+}
+
+fn band(name: &str, points: impl Iterator<Item = (u64, Option<Spread>)>) -> Band {
+    let known = points.filter_map(|(step, spread)| Some((step as f64, spread?)));
+    Band { name: name.to_owned(), points: known.collect() }
+}
+
+fn evaluations(variant: &VariantRecord, figure: fn(&RunRecord, usize) -> f64) -> Band {
+    let longest = variant.runs.iter().max_by_key(|run| run.evaluations.step.len());
+    let steps = longest.into_iter().flat_map(|run| run.evaluations.step.iter().copied());
+    let spread = |at: usize| {
+        let there = variant.runs.iter().filter(|run| run.evaluations.step.len() > at);
+        Spread::of(there.map(|run| figure(run, at)))
+    };
+    band(&variant.name, steps.enumerate().map(|(at, step)| (step, spread(at))))
+}
+
+fn course(variant: &VariantRecord, figure: fn(&Course, usize) -> f64) -> Band {
+    let steps = variant.runs.first().map_or(&[][..], |run| &run.course.step);
+    let spread = |at: usize| Spread::of(variant.runs.iter().map(|run| figure(&run.course, at)));
+    band(&variant.name, steps.iter().enumerate().map(|(at, step)| (*step, spread(at))))
+}
+
+fn final_figures(variants: &[VariantRecord]) -> Vec<Figure> {
+    type Final = fn(&RunRecord) -> Option<f64>;
+    let kinds: [(&str, &str, &str, Final); 4] = [
+        ("final-hard-resets", "Hard resets of a whole run", "hard resets", |run| {
+            Some(run.summary.hard_resets as f64)
+        }),
+        ("final-irreversible-entries", "Entries into irreversible states of a whole run", "entries", |run| {
+            Some(run.summary.irreversible_entries as f64)
+        }),
+        ("final-return", "Return of the last evaluation", "mean return of an episode", |run| {
+            run.summary.final_return
+        }),
+        ("steps-to-solve", "Steps until the task was solved", "environment steps", |run| {
+            run.summary.steps_to_solve.map(|steps| steps as f64)
+        }),
+    ];
+    let row = |variant: &VariantRecord, figure: Final| {
+        let seeds: Vec<f64> = variant.runs.iter().filter_map(figure).collect();
+        let spread = Spread::of(seeds.iter().copied())?;
+        Some(Row { name: variant.name.clone(), spread, seeds })
+    };
+    let mut figures = Vec::new();
+    for (name, title, axis, figure) in kinds {
+        let rows: Vec<Row> = variants.iter().filter_map(|variant| row(variant, figure)).collect();
+        if rows.iter().any(|row| row.seeds.iter().any(|seed| *seed != 0.0)) {
+            let (name, title, axis) = (name.into(), title.into(), axis.into());
+            figures.push(Figure::Dots(Dots { name, title, axis, rows }));
+        }
+    }
+    figures
+}
+
+/// Where a variant's forward episodes were aborted, of all seeds together.
+fn heat_map(variant: &VariantRecord) -> Option<Figure> {
+    let mut points: Vec<[f64; 2]> = Vec::new();
+    let (mut dimensions, mut total) = ([0, 1], 0);
+    for run in &variant.runs {
+        let Some(Places::Points { dimensions: chosen, of, points: more }) = &run.aborts else { continue };
+        (dimensions, total) = (*chosen, total + of);
+        points.extend(more.iter().filter(|point| point.iter().all(|place| place.is_finite())));
+    }
+    if points.is_empty() {
+        return None;
+    }
+    let ranges = [0, 1].map(|axis| range(points.iter().map(|point| point[axis])));
+    let mut counts = vec![0.0; FIELDS * FIELDS];
+    // Of many aborts only some places are kept: each stands for as many.
+    let weight = total as f64 / points.len() as f64;
+    for point in &points {
+        let [x, y] = [0, 1].map(|axis| {
+            let [low, high] = ranges[axis];
+            (((point[axis] - low) / (high - low) * FIELDS as f64) as usize).min(FIELDS - 1)
+        });
+        counts[y * FIELDS + x] += weight;
+    }
+    Some(Figure::HeatMap(HeatMap {
+        name: format!("where-{}", variant.name),
+        title: format!("{}: where {total} forward episodes were aborted", variant.name),
+        axes: dimensions.map(|dimension| format!("observation {dimension}")),
+        ranges,
+        fields: FIELDS,
+        counts,
+    }))
+}
+
+fn range(figures: impl Iterator<Item = f64>) -> [f64; 2] {
+    let [low, high] =
+        figures.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], figure| [low.min(figure), high.max(figure)]);
+    if high > low { [low, high] } else { [low - 0.5, high + 0.5] }
+}

@@ -1,0 +1,57 @@
+//! Median and quartiles over seeds.
+
+use serde::{Deserialize, Serialize};
+
+/// Where the middle half of some figures lies.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Spread {
+    /// A quarter of the figures is not larger.
+    pub lower: f64,
+    /// Half of them.
+    pub median: f64,
+    /// Three quarters.
+    pub upper: f64,
+}
+
+impl Spread {
+    /// Of some figures; `None` of none. Those that are no numbers are left out.
+    pub fn of(figures: impl IntoIterator<Item = f64>) -> Option<Self> {
+        let mut sorted: Vec<f64> = figures.into_iter().filter(|figure| !figure.is_nan()).collect();
+        if sorted.is_empty() {
+            return None;
+        }
+        sorted.sort_by(f64::total_cmp);
+        let at = |share: f64| quantile(&sorted, share);
+        Some(Self { lower: at(0.25), median: at(0.5), upper: at(0.75) })
+    }
+}
+
+/// Linear between the two figures beside it: type 7 of Hyndman and Fan 1996, as NumPy has it.
+fn quantile(sorted: &[f64], share: f64) -> f64 {
+    let place = share * (sorted.len() - 1) as f64;
+    let (low, high) = (sorted[place.floor() as usize], sorted[place.ceil() as usize]);
+    low + (high - low) * place.fract()
+}
+
+/// The median; of an even number, the mean of the middle two. NaN of none.
+pub fn median(figures: &[f64]) -> f64 {
+    Spread::of(figures.iter().copied()).map_or(f64::NAN, |spread| spread.median)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quartiles_lie_between_the_figures_as_numpy_has_them() {
+        let spread = Spread::of([4.0, 1.0, 3.0, f64::NAN, 2.0]).unwrap();
+        assert_eq!(spread, Spread { lower: 1.75, median: 2.5, upper: 3.25 });
+        assert_eq!(Spread::of([7.0]).unwrap(), Spread { lower: 7.0, median: 7.0, upper: 7.0 });
+        assert_eq!(Spread::of([]), None);
+    }
+
+    #[test]
+    fn an_even_number_of_seeds_has_the_mean_of_the_middle_as_median() {
+        assert_eq!(median(&[4.0, 1.0, 2.0, 9.0]), 3.0);
+    }
+}

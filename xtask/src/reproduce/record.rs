@@ -1,0 +1,114 @@
+//! What is needed of a record that `shield report --record` wrote.
+
+use std::fs::File;
+use std::io::BufReader;
+use std::path::Path;
+
+use anyhow::{Context, Result};
+use serde::Deserialize;
+
+/// The runs of one experiment.
+#[derive(Debug, Deserialize)]
+pub struct Record {
+    pub variants: Vec<Variant>,
+}
+
+/// The runs of one variant.
+#[derive(Debug, Deserialize)]
+pub struct Variant {
+    pub name: String,
+    pub runs: Vec<Run>,
+}
+
+/// One finished run.
+#[derive(Debug, Deserialize)]
+pub struct Run {
+    pub summary: Summary,
+    pub aborts: Option<Aborts>,
+}
+
+/// What a run came to.
+#[derive(Debug, Deserialize)]
+pub struct Summary {
+    pub steps: u64,
+    pub forward_steps: u64,
+    pub early_aborts: u64,
+    pub hard_resets: u64,
+    pub irreversible_entries: u64,
+    pub final_return: Option<f64>,
+    pub best_return: Option<f64>,
+    pub success_rate: Option<f64>,
+    pub steps_to_solve: Option<u64>,
+    pub lifetime_return: Option<f64>,
+}
+
+/// Where forward episodes were aborted; of continuous observations nothing is needed here.
+#[derive(Debug, Deserialize)]
+#[serde(untagged)]
+pub enum Aborts {
+    Discrete {
+        #[serde(rename = "Cells")]
+        cells: Vec<u64>,
+    },
+    Continuous(serde::de::IgnoredAny),
+}
+
+/// The lower quartile, the median and the upper quartile.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Spread(pub f64, pub f64, pub f64);
+
+impl Record {
+    pub fn read(path: &Path) -> Result<Self> {
+        let file = File::open(path).with_context(|| format!("{} cannot be read", path.display()))?;
+        serde_json::from_reader(BufReader::new(file))
+            .with_context(|| format!("{} is not a record of runs", path.display()))
+    }
+
+    /// The variant, if some run of it is finished.
+    pub fn variant(&self, name: &str) -> Option<&Variant> {
+        self.variants.iter().find(|variant| variant.name == name && !variant.runs.is_empty())
+    }
+}
+
+impl Variant {
+    /// A figure of every run that has it.
+    pub fn spread(&self, figure: impl Fn(&Summary) -> Option<f64>) -> Option<Spread> {
+        Spread::of(self.runs.iter().filter_map(|run| figure(&run.summary)).collect())
+    }
+}
+
+impl Spread {
+    /// Linear between neighbours, as `shield report` has it. `None` of nothing.
+    pub fn of(mut figures: Vec<f64>) -> Option<Self> {
+        figures.sort_by(f64::total_cmp);
+        let last = figures.len().checked_sub(1)?;
+        let at = |share: f64| {
+            let place = share * last as f64;
+            let (low, high) = (figures[place.floor() as usize], figures[place.ceil() as usize]);
+            low + (high - low) * place.fract()
+        };
+        Some(Self(at(0.25), at(0.5), at(0.75)))
+    }
+
+    pub fn median(self) -> f64 {
+        self.1
+    }
+
+    /// The median with its quartiles, if they differ.
+    pub fn show(self, decimals: usize) -> String {
+        let [lower, median, upper] = [self.0, self.1, self.2].map(|figure| format!("{figure:.decimals$}"));
+        if lower == upper { median } else { format!("{median} ({lower} to {upper})") }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn quartiles_are_shown_where_seeds_differ() {
+        assert_eq!(Spread::of(vec![1.0, 2.0, 3.0, 4.0]).unwrap().show(2), "2.50 (1.75 to 3.25)");
+        assert_eq!(Spread::of(vec![3.0, 3.0]).unwrap().show(0), "3");
+        assert_eq!(Spread::of(Vec::new()), None);
+    }
+}
