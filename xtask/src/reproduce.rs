@@ -58,7 +58,7 @@ pub fn reproduce(root: &Path, program: &Path, arguments: &Arguments) -> Result<E
     }
     let mut records = Vec::new();
     for experiment in EXPERIMENTS {
-        let path = Place { root, program, experiment }.record();
+        let path = root.join(Place { root, program, experiment }.record());
         let record = if path.exists() { Some(Record::read(&path)?) } else { None };
         records.push((experiment, record));
     }
@@ -77,12 +77,13 @@ struct Place<'a> {
 }
 
 impl Place<'_> {
+    /// From the root, where `shield` is called.
     fn record(&self) -> PathBuf {
-        self.root.join(PAPER).join("records").join(format!("{}.json", self.experiment.name))
+        Path::new(PAPER).join("records").join(format!("{}.json", self.experiment.name))
     }
 
     fn runs(&self) -> PathBuf {
-        self.root.join(RUNS).join(self.experiment.name)
+        Path::new(RUNS).join(self.experiment.name)
     }
 
     fn shield(&self) -> Command {
@@ -100,7 +101,8 @@ impl Place<'_> {
         if let Some(seeds) = seeds {
             command.args(["--seeds", seeds]);
         }
-        let status = command.status().with_context(|| format!("{} could not be run", self.program.display()))?;
+        let status =
+            command.status().with_context(|| format!("{} could not be run", self.program.display()))?;
         Ok(status.success())
     }
 
@@ -109,13 +111,13 @@ impl Place<'_> {
         let (record, runs) = (self.record(), self.runs());
         let mut command = self.shield();
         command.arg("report");
-        match (runs.is_dir(), record.exists()) {
+        match (self.root.join(&runs).is_dir(), self.root.join(&record).exists()) {
             (true, _) => command.arg(&runs).arg("--record").arg(&record),
             (false, true) => command.arg(&record),
             (false, false) => return Ok(()),
         };
-        command.arg("--out").arg(self.root.join(RUNS).join(format!("{}.html", self.experiment.name)));
-        command.arg("--png").arg(self.root.join(PAPER).join("plots"));
+        command.arg("--out").arg(Path::new(RUNS).join(format!("{}.html", self.experiment.name)));
+        command.arg("--png").arg(Path::new(PAPER).join("plots"));
         command.args(["--prefix", &format!("{}-", self.experiment.name)]);
         command.args(["--figures", &self.experiment.figures.join(",")]);
         cargo::run(&mut command)

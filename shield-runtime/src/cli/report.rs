@@ -51,6 +51,9 @@ pub struct ReportArguments {
     dimensions: Vec<usize>,
 }
 
+/// An environment's picture is drawn so many times as large as it would be in a film.
+const MAGNIFICATION: usize = 2;
+
 /// A figure that the environment drew.
 struct Drawn {
     name: String,
@@ -96,7 +99,9 @@ fn read(arguments: &ReportArguments) -> Result<Record, Failure> {
         record.merge(runs).map_err(input)?;
     }
     if record.variants.is_empty() {
-        return Err(Failure::Input("no run is finished: `shield resume` goes on with those that were stopped".into()));
+        return Err(Failure::Input(
+            "no run is finished: `shield resume` goes on with those that were stopped".into(),
+        ));
     }
     Ok(record)
 }
@@ -106,8 +111,11 @@ fn choose(record: &mut Record, arguments: &ReportArguments) -> Result<()> {
     let mut chosen = Vec::with_capacity(wanted.len());
     for name in wanted {
         let variant = record.variants.iter().find(|variant| variant.name == *name);
-        let known = || record.variants.iter().map(|variant| variant.name.as_str()).collect::<Vec<_>>().join(", ");
-        chosen.push(variant.with_context(|| format!("there is no variant {name}; there are: {}", known()))?.clone());
+        let known =
+            || record.variants.iter().map(|variant| variant.name.as_str()).collect::<Vec<_>>().join(", ");
+        chosen.push(
+            variant.with_context(|| format!("there is no variant {name}; there are: {}", known()))?.clone(),
+        );
     }
     record.variants = chosen;
     Ok(())
@@ -168,8 +176,8 @@ fn save(path: &Path, bytes: &[u8]) -> Result<()> {
 fn drawings(record: &Record, registry: &Registry) -> Vec<Drawn> {
     let mut drawings = Vec::new();
     for variant in &record.variants {
-        let Some(counts) = cells(variant) else { continue };
-        match drawing(variant, &counts, registry) {
+        let Some(shares) = cells(variant) else { continue };
+        match drawing(variant, &shares, registry) {
             Ok(drawn) => drawings.push(drawn),
             Err(error) => eprintln!("warning: {}: no picture of its aborts: {error:#}", variant.name),
         }
@@ -177,18 +185,23 @@ fn drawings(record: &Record, registry: &Registry) -> Vec<Drawn> {
     drawings
 }
 
-/// Early aborts by cell, of all seeds together.
-fn cells(variant: &VariantRecord) -> Option<Vec<u64>> {
-    let mut sum: Option<Vec<u64>> = None;
-    for run in &variant.runs {
-        let Some(Places::Cells(counts)) = &run.aborts else { continue };
-        let sum = sum.get_or_insert_with(|| vec![0; counts.len()]);
-        sum.iter_mut().zip(counts).for_each(|(sum, count)| *sum += count);
+/// Which share of a seed's early aborts each cell has, the mean over the seeds: one that aborts without end does not hide the others.
+fn cells(variant: &VariantRecord) -> Option<Vec<f64>> {
+    let counts = variant.runs.iter().filter_map(|run| match &run.aborts {
+        Some(Places::Cells(counts)) => Some(counts),
+        _ => None,
+    });
+    let seeds = counts.clone().count();
+    let mut shares = vec![0.0; counts.clone().next()?.len()];
+    for counts in counts {
+        let total: u64 = counts.iter().sum();
+        let each = counts.iter().map(|count| *count as f64 / total.max(1) as f64 / seeds as f64);
+        shares.iter_mut().zip(each).for_each(|(share, more)| *share += more);
     }
-    sum
+    Some(shares)
 }
 
-fn drawing(variant: &VariantRecord, counts: &[u64], registry: &Registry) -> Result<Drawn> {
+fn drawing(variant: &VariantRecord, shares: &[f64], registry: &Registry) -> Result<Drawn> {
     let file = ExperimentFile::from_text("the record", variant.config.as_str());
     let variants = file.variants(&[], None)?;
     let first = variants.first().context("the record has no configuration")?;
@@ -199,15 +212,14 @@ fn drawing(variant: &VariantRecord, counts: &[u64], registry: &Registry) -> Resu
         Box::new(environment)
     });
     let mut environment = shared.context("there is no environment")?;
-    let [width, height] = environment.frame_size();
+    let [width, height] = environment.frame_size().map(|pixels| pixels * MAGNIFICATION);
+    let most = shares.iter().copied().fold(0.0, f64::max);
+    let shades: Vec<f32> = shares.iter().map(|share| (share / most) as f32).collect();
     let mut picture = Picture::new(width, height);
-    let most = counts.iter().copied().max().unwrap_or(0).max(1);
-    let shades: Vec<f32> = counts.iter().map(|count| *count as f32 / most as f32).collect();
     environment.render(&mut Frame::new(width, height, picture.pixels_mut())?.with_shades(&shades))?;
-    let total: u64 = counts.iter().sum();
     Ok(Drawn {
         name: format!("where-{}", variant.name),
-        title: format!("{}: {total} early aborts, at most {most} in a cell", variant.name),
+        title: format!("{}: where aborts happened, at most {:.0}% in a cell", variant.name, most * 100.0),
         picture,
     })
 }

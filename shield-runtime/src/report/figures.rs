@@ -142,7 +142,12 @@ pub fn figures(record: &Record) -> Vec<Figure> {
         "mean reward of a step so far",
         counted(|course, at| course.lifetime_return[at] / course.step[at].max(1) as f64),
     );
-    lines("hard-resets", "Hard resets", "hard resets so far", counted(|course, at| course.hard_resets[at] as f64));
+    lines(
+        "hard-resets",
+        "Hard resets",
+        "hard resets so far",
+        counted(|course, at| course.hard_resets[at] as f64),
+    );
     lines(
         "irreversible-entries",
         "Entries into irreversible states",
@@ -257,7 +262,7 @@ fn heat_map(variant: &VariantRecord) -> Option<Figure> {
 }
 
 fn range(figures: impl Iterator<Item = f64>) -> [f64; 2] {
-    let [low, high] =
-        figures.fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], figure| [low.min(figure), high.max(figure)]);
+    let [low, high] = figures
+        .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], figure| [low.min(figure), high.max(figure)]);
     if high > low { [low, high] } else { [low - 0.5, high + 0.5] }
 }

@@ -123,7 +123,9 @@ fn notes(variants: &[VariantRecord]) -> Vec<String> {
     };
     let note = |variant: &VariantRecord| {
         let name = &variant.name;
-        format!("{name} spent less than half of its steps forward; its hard resets do not compare with the others’.")
+        format!(
+            "{name} spent less than half of its steps forward; its hard resets do not compare with the others’."
+        )
     };
     variants.iter().filter(is_busy_resetting).map(note).collect()
 }

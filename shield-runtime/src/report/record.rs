@@ -110,12 +110,9 @@ impl Record {
             .with_context(|| format!("{} is not a list of plugins", plugins.display()))?;
         let known = self.variants.iter_mut().find(|variant| variant.name == identity.variant);
         match known {
-            None => self.variants.push(VariantRecord {
-                name: identity.variant,
-                config,
-                plugins,
-                runs: vec![run],
-            }),
+            None => {
+                self.variants.push(VariantRecord { name: identity.variant, config, plugins, runs: vec![run] })
+            }
             Some(variant) => {
                 if let Some(difference) = but_for_seed(&variant.config, &config).next() {
                     bail!("{} is not like the other runs of its variant: {difference}", path.display());

@@ -25,6 +25,9 @@ impl Verdict {
     }
 }
 
+/// With fewer there is no verdict.
+const FEWEST_SEEDS: usize = 3;
+
 /// What was found.
 #[derive(Debug)]
 pub struct Finding {
@@ -47,9 +50,11 @@ pub struct Claim {
 }
 
 impl Claim {
-    /// What the record says; `None` where something was not measured.
+    /// What the record says; `None` where something was not measured, or with too few seeds.
     pub fn judge(&self, record: &Record) -> Option<Finding> {
-        let variants: Option<Vec<&Variant>> = self.variants.iter().map(|name| record.variant(name)).collect();
+        let measured =
+            |name: &&str| record.variant(name).filter(|variant| variant.runs.len() >= FEWEST_SEEDS);
+        let variants: Option<Vec<&Variant>> = self.variants.iter().map(measured).collect();
         (self.judge)(&variants?)
     }
 }
@@ -143,9 +148,9 @@ fn monotone(variants: &[&Variant]) -> Option<Finding> {
 /// Neither hard resets nor returns differ by more than a quarter between the ways of combining.
 fn alike(variants: &[&Variant]) -> Option<Finding> {
     let range = |figures: Vec<f64>| {
-        let (low, high) = figures.iter().fold((f64::INFINITY, 0.0_f64), |(low, high), figure| {
-            (low.min(*figure), high.max(*figure))
-        });
+        let (low, high) = figures
+            .iter()
+            .fold((f64::INFINITY, 0.0_f64), |(low, high), figure| (low.min(*figure), high.max(*figure)));
         if high > 0.0 { (high - low) / high } else { 0.0 }
     };
     let [resets_apart, returns_apart] = [range(medians(variants, resets)?), range(medians(variants, gain)?)];
@@ -288,7 +293,10 @@ pub const CLAIMS: &[Claim] = &[
         variants: &["status-quo", "attempts-1"],
         judge: |variants| {
             let (percent, verdict) = fewer(variants, 64.0)?;
-            Some(Finding { ours: format!("hard resets {}: {percent:.0}% fewer", shown(variants, resets, 0)?), verdict })
+            Some(Finding {
+                ours: format!("hard resets {}: {percent:.0}% fewer", shown(variants, resets, 0)?),
+                verdict,
+            })
         },
     },
     Claim {
@@ -348,8 +356,10 @@ pub const CLAIMS: &[Claim] = &[
         judge: |variants| {
             let returns = medians(variants, gain)?;
             let steps = shown(variants, solve, 0)?;
-            let verdict = Verdict::if_so(returns[0] > 0.0).and(Verdict::if_so(returns[1] + returns[2] == 0.0));
-            let ours = format!("return {}; steps to solve {steps} (max / mean / min)", shown(variants, gain, 0)?);
+            let verdict =
+                Verdict::if_so(returns[0] > 0.0).and(Verdict::if_so(returns[1] + returns[2] == 0.0));
+            let ours =
+                format!("return {}; steps to solve {steps} (max / mean / min)", shown(variants, gain, 0)?);
             Some(Finding { ours: ours.replace('→', "/"), verdict })
         },
     },
@@ -411,7 +421,11 @@ mod tests {
     #[test]
     fn every_claim_names_an_experiment_that_there_is() {
         for claim in CLAIMS {
-            assert!(EXPERIMENTS.iter().any(|experiment| experiment.name == claim.experiment), "{}", claim.claim);
+            assert!(
+                EXPERIMENTS.iter().any(|experiment| experiment.name == claim.experiment),
+                "{}",
+                claim.claim
+            );
         }
     }
 
@@ -434,5 +448,8 @@ mod tests {
         assert_eq!(judge(&record([100, 40], [60.0, 20.0])), Some(Verdict::InPart));
         assert_eq!(judge(&record([100, 90], [60.0, 20.0])), Some(Verdict::Fails));
         assert_eq!(judge(&Record { variants: Vec::new() }), None, "nothing was measured");
+        let mut one_seed = record([100, 40], [60.0, 58.0]);
+        one_seed.variants[1].runs.truncate(1);
+        assert_eq!(judge(&one_seed), None, "one seed proves nothing");
     }
 }

@@ -18,7 +18,7 @@ Written by `cargo xtask reproduce`: from the records in this folder, not by hand
 
 These are small experiments, for two cores: networks of 64-64, few steps, often TD3 in place of DDPG. What was changed stands with each experiment and in its file. So they show
 whether an effect is there, not how large it is at the paper's size; the paper's settings are in the files without `-small`, and were not run. Figures are medians over the
-seeds, with the quartiles in brackets, always at equal numbers of steps. A claim *holds in part* where one half of it does, or where an effect is at least half as large as the paper's. No seed is left out; the paper takes the median over
+seeds, with the quartiles in brackets, always at equal numbers of steps; with fewer than three seeds there is no verdict. A claim *holds in part* where one half of it does, or where an effect is at least half as large as the paper's. No seed is left out; the paper takes the median over
 those that solved the task.
 
 | § | environment | the paper | here | seeds, steps | verdict |
@@ -123,8 +123,12 @@ fn is_telling(record: &Record, (_, figure, _): &Column) -> bool {
 
 fn thousands(figure: u64) -> String {
     let digits = figure.to_string();
-    let groups: Vec<&str> =
-        digits.as_bytes().rchunks(3).rev().map(|group| std::str::from_utf8(group).unwrap_or_default()).collect();
+    let groups: Vec<&str> = digits
+        .as_bytes()
+        .rchunks(3)
+        .rev()
+        .map(|group| std::str::from_utf8(group).unwrap_or_default())
+        .collect();
     groups.join(",")
 }
 

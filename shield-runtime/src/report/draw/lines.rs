@@ -115,11 +115,7 @@ impl Legend {
         Ok(Self { entries, height: y + line + canvas.points(10) })
     }
 
-    fn draw<B: DrawingBackend>(
-        &self,
-        canvas: &Canvas<'_, B>,
-        area: &DrawingArea<B, Shift>,
-    ) -> Drawn<B> {
+    fn draw<B: DrawingBackend>(&self, canvas: &Canvas<'_, B>, area: &DrawingArea<B, Shift>) -> Drawn<B> {
         let style = canvas.text(TEXT_SIZE);
         let of = |points: u32| canvas.points(points) as i32;
         for (index, (name, [x, y])) in self.entries.iter().enumerate() {
@@ -127,7 +123,8 @@ impl Legend {
             let middle = y + of(LEGEND_LINE) / 2;
             let band = [(*x, middle - of(5)), (x + of(STROKE), middle + of(5))];
             area.draw(&Rectangle::new(band, colour.mix(0.16).filled()))?;
-            let strokes: &[(u32, u32)] = if is_dashed { &[(0, 7), (11, 18), (22, 26)] } else { &[(0, STROKE)] };
+            let strokes: &[(u32, u32)] =
+                if is_dashed { &[(0, 7), (11, 18), (22, 26)] } else { &[(0, STROKE)] };
             for (from, to) in strokes {
                 let path = vec![(x + of(*from), middle), (x + of(*to), middle)];
                 area.draw(&PathElement::new(path, stroke(canvas, colour)))?;

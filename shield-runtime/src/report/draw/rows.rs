@@ -20,7 +20,8 @@ pub(super) fn draw<B: DrawingBackend>(
         names = names.max(canvas.area.estimate_text_size(&row.name, &text)?.0);
     }
     let seeds = figure.rows.iter().flat_map(|row| row.seeds.iter().copied());
-    let (low, high) = seeds.fold((0.0, 0.0_f64), |(low, high): (f64, f64), seed| (low.min(seed), high.max(seed)));
+    let (low, high) =
+        seeds.fold((0.0, 0.0_f64), |(low, high): (f64, f64), seed| (low.min(seed), high.max(seed)));
     let count = figure.rows.len() as f64;
     let mut chart = ChartBuilder::on(&canvas.area)
         .caption(&figure.title, canvas.text(TITLE_SIZE))
@@ -56,7 +57,8 @@ pub(super) fn draw<B: DrawingBackend>(
         chart.draw_series(row.seeds.iter().map(seed))?;
         let (x, y) = chart.backend_coord(&(low, middle));
         let (width, height) = canvas.area.estimate_text_size(&row.name, &text)?;
-        let place = (x - width as i32 - canvas.points(8) as i32, y - height as i32 / 2 + canvas.points(2) as i32);
+        let place =
+            (x - width as i32 - canvas.points(8) as i32, y - height as i32 / 2 + canvas.points(2) as i32);
         canvas.area.draw_text(&row.name, &text, place)?;
     }
     Ok(())
