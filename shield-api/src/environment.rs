@@ -1,6 +1,9 @@
 //! Environments: the world in which the agents act.
 
-use crate::{Checkpoint, Error, Frame, Result, Spaces};
+use crate::{
+    Checkpoint, Error, Frame, Result, Spaces,
+    abi::{StepView, step_flag},
+};
 
 /// What an environment says of itself.
 #[derive(Debug, Clone, PartialEq)]
@@ -39,6 +42,37 @@ pub struct StepOutcome {
     pub success: bool,
     /// Ground truth: no action sequence leads back from here. For measuring only; no agent sees it.
     pub irreversible: bool,
+}
+
+impl From<StepOutcome> for StepView {
+    fn from(outcome: StepOutcome) -> Self {
+        let StepOutcome { forward_reward, reset_reward, in_reset_set, terminated, success, irreversible } =
+            outcome;
+        let bit = |is_set: bool, bit: u32| if is_set { bit } else { 0 };
+        let flags = bit(in_reset_set, step_flag::IN_RESET_SET)
+            | bit(terminated, step_flag::TERMINATED)
+            | bit(success, step_flag::SUCCESS)
+            | bit(irreversible, step_flag::IRREVERSIBLE);
+        Self { forward_reward, reset_reward, flags }
+    }
+}
+
+/// The error is the flags, if a bit of them means nothing.
+impl TryFrom<StepView> for StepOutcome {
+    type Error = u32;
+
+    fn try_from(StepView { forward_reward, reset_reward, flags }: StepView) -> Result<Self, u32> {
+        let is_set = |flag: u32| flags & flag != 0;
+        let outcome = Self {
+            forward_reward,
+            reset_reward,
+            in_reset_set: is_set(step_flag::IN_RESET_SET),
+            terminated: is_set(step_flag::TERMINATED),
+            success: is_set(step_flag::SUCCESS),
+            irreversible: is_set(step_flag::IRREVERSIBLE),
+        };
+        if StepView::from(outcome).flags == flags { Ok(outcome) } else { Err(flags) }
+    }
 }
 
 /// A world with observations, actions, a task and a way back.
@@ -178,5 +212,24 @@ pub trait Environment: Checkpoint {
     fn render(&mut self, frame: &mut Frame<'_>) -> Result<()> {
         let _ = frame;
         Err(Error::unsupported("drawing"))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_flag_crosses_the_line_as_itself_and_an_unknown_one_does_not() {
+        for flags in 0..16 {
+            let view = StepView { forward_reward: 1.0, reset_reward: 2.0, flags };
+            let outcome = StepOutcome::try_from(view).unwrap();
+            let StepOutcome { in_reset_set, terminated, success, irreversible, .. } = outcome;
+            assert_eq!((outcome.forward_reward, outcome.reset_reward), (1.0, 2.0));
+            let bits = [(in_reset_set, 1), (terminated, 2), (success, 4), (irreversible, 8)];
+            assert_eq!(bits.iter().filter(|(is_set, _)| *is_set).map(|(_, bit)| bit).sum::<u32>(), flags);
+            assert_eq!(StepView::from(outcome).flags, flags);
+        }
+        assert_eq!(StepOutcome::try_from(StepView { flags: 17, ..StepView::default() }), Err(17));
     }
 }

@@ -67,29 +67,30 @@ impl From<ExitStatus> for Ending {
     }
 }
 
+/// As the end of "the process …".
 impl fmt::Display for Ending {
     fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::Exit(code) => write!(formatter, "ended with exit code {code}"),
-            Self::Signal(signal) => write!(formatter, "was ended by {}", signal_name(*signal)),
+            Self::Signal(signal) => write!(formatter, "died of signal {signal}{}", meaning(*signal)),
         }
     }
 }
 
-/// The name of a signal that ends processes; the numbers of the others say enough.
-fn signal_name(signal: i32) -> String {
+/// What a signal that ends processes means; the numbers of the others say enough.
+fn meaning(signal: i32) -> &'static str {
     use rustix::process::Signal;
-    const NAMES: [(Signal, &str); 9] = [
-        (Signal::ABORT, "SIGABRT (abort, or a panic that aborts)"),
-        (Signal::SEGV, "SIGSEGV (a segmentation fault)"),
-        (Signal::BUS, "SIGBUS (a bad memory access)"),
-        (Signal::FPE, "SIGFPE (an arithmetic fault)"),
-        (Signal::ILL, "SIGILL (an illegal instruction)"),
-        (Signal::KILL, "SIGKILL (from outside, for example for want of memory)"),
-        (Signal::TERM, "SIGTERM"),
-        (Signal::INT, "SIGINT"),
-        (Signal::PIPE, "SIGPIPE"),
+    const MEANINGS: [(Signal, &str); 9] = [
+        (Signal::ABORT, " (abort, or a panic that aborts)"),
+        (Signal::SEGV, " (segmentation fault)"),
+        (Signal::BUS, " (bus error)"),
+        (Signal::FPE, " (arithmetic fault)"),
+        (Signal::ILL, " (illegal instruction)"),
+        (Signal::KILL, " (killed from outside, for example for want of memory)"),
+        (Signal::TERM, " (told to end)"),
+        (Signal::INT, " (interrupted)"),
+        (Signal::PIPE, " (broken pipe)"),
     ];
-    let named = NAMES.iter().find(|(known, _)| known.as_raw() == signal);
-    named.map_or_else(|| format!("signal {signal}"), |(_, name)| (*name).to_string())
+    let known = MEANINGS.iter().find(|(known, _)| known.as_raw() == signal);
+    known.map_or("", |(_, meaning)| meaning)
 }

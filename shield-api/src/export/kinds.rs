@@ -11,7 +11,7 @@ use crate::{
         EnvironmentTable, Floats, Instance, LearnerInfoView, LearnerTable, LifeTable, ObservedDecisionView,
         PluginDescriptor, PolicyTable, RenderTable, ResetSignalView, ResetTaskTable, RowSink,
         RuleContextView, SpaceView, SpecView, StartsTable, StepView, Text, VerdictView, act_mode, kind, need,
-        phase, status, step_flag, verdict,
+        phase, status, verdict,
     },
     check_length,
 };
@@ -137,16 +137,7 @@ unsafe extern "C" fn step<T: Environment>(
         call::<T>(instance, |holder| {
             let view = required(view, "the place for the outcome")?;
             let observation = buffer(observation, length, "observation")?;
-            let outcome = holder.value.step(action.as_slice(), observation)?;
-            let flag = |is_set: bool, bit: u32| if is_set { bit } else { 0 };
-            *view = StepView {
-                forward_reward: outcome.forward_reward,
-                reset_reward: outcome.reset_reward,
-                flags: flag(outcome.in_reset_set, step_flag::IN_RESET_SET)
-                    | flag(outcome.terminated, step_flag::TERMINATED)
-                    | flag(outcome.success, step_flag::SUCCESS)
-                    | flag(outcome.irreversible, step_flag::IRREVERSIBLE),
-            };
+            *view = holder.value.step(action.as_slice(), observation)?.into();
             Ok(())
         })
     }

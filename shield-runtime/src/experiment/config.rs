@@ -4,7 +4,7 @@ use indexmap::IndexMap;
 use ron::value::RawValue;
 use serde::{Deserialize, Deserializer, Serialize, Serializer, ser::SerializeStructVariant};
 
-use crate::plugin::Kind;
+use crate::plugin::{Kind, Selection};
 
 /// A whole experiment: one environment, two agents, a shield, several seeds and variants.
 #[derive(Debug, Clone, Deserialize, Serialize)]
@@ -154,6 +154,13 @@ pub struct PluginChoice {
     /// How that process is treated.
     #[serde(default, skip_serializing_if = "is_default")]
     pub worker: WorkerConfig,
+}
+
+impl PluginChoice {
+    /// What it names, whatever the experiment pins.
+    pub fn selection(&self) -> Selection {
+        Selection { path: self.path.clone(), ..Selection::new(&self.plugin) }
+    }
 }
 
 /// How the process of an isolated plugin is treated.

@@ -50,6 +50,14 @@ impl Language {
     }
 }
 
+/// The kind of a plugin.
+pub(super) fn kind_of(path: &Path, manifest: &Manifest) -> Result<Kind, PluginError> {
+    Kind::from_name(&manifest.kind).ok_or_else(|| PluginError::BadManifest {
+        path: path.into(),
+        reason: format!("{:?} is of the unknown kind {:?}", manifest.id, manifest.kind),
+    })
+}
+
 /// Refuses manifests of libraries that this host must not load; says in which language the library is written.
 pub(super) fn check_manifests(path: &Path, manifests: &[Manifest]) -> Result<Language, PluginError> {
     let malformed = |reason: String| PluginError::BadManifest { path: path.into(), reason };
@@ -59,9 +67,7 @@ pub(super) fn check_manifests(path: &Path, manifests: &[Manifest]) -> Result<Lan
         if manifest.abi.0 != ABI_MAJOR {
             return Err(PluginError::Interface { path: path.into(), id, abi: manifest.abi });
         }
-        if Kind::from_name(&manifest.kind).is_none() {
-            return Err(malformed(format!("{id:?} is of the unknown kind {:?}", manifest.kind)));
-        }
+        kind_of(path, manifest)?;
         let language = Language::from_name(&manifest.language);
         languages.push(language.ok_or_else(|| {
             malformed(format!(

@@ -15,8 +15,8 @@ use super::{
     SearchPath,
     isolated::{IsolatedEnvironment, IsolatedPolicy, Isolation},
     library::{KindTable, Library},
-    manifest::{check_manifests, read_manifests, refuse_aborting},
-    trust::{check_writable, fingerprint},
+    manifest::{check_manifests, kind_of, read_manifests, refuse_aborting},
+    trust::{Fingerprints, check_writable},
 };
 
 /// A plugin that was found. Nothing of its file has been executed yet.
@@ -28,6 +28,12 @@ pub struct Entry {
     pub manifest: Manifest,
     /// Its file, as a canonical path.
     pub path: PathBuf,
+}
+
+impl Entry {
+    fn new(path: &Path, manifest: Manifest) -> Result<Self, PluginError> {
+        Ok(Self { kind: kind_of(path, &manifest)?, manifest, path: path.into() })
+    }
 }
 
 /// A file or folder that was passed over.
@@ -90,6 +96,7 @@ pub struct Registry {
     skipped: Vec<Skipped>,
     searched: Vec<String>,
     libraries: Mutex<HashMap<PathBuf, Arc<Library>>>,
+    fingerprints: Fingerprints,
 }
 
 impl Registry {
@@ -137,10 +144,8 @@ impl Registry {
             let ids = manifests.into_iter().map(|manifest| manifest.id).collect();
             return self.skipped.push(skipped(ids, reason));
         }
-        self.entries.extend(manifests.into_iter().filter_map(|manifest| {
-            let kind = Kind::from_name(&manifest.kind)?;
-            Some(Entry { kind, manifest, path: path.into() })
-        }));
+        // The kinds were checked above.
+        self.entries.extend(manifests.into_iter().filter_map(|manifest| Entry::new(path, manifest).ok()));
     }
 
     /// Every plugin that was found, in the order of the search path; also those whose id is taken twice.
@@ -189,13 +194,19 @@ impl Registry {
         }
     }
 
-    /// Every plugin of that id, of whatever kind and in however many files.
+    /// What a user means by `plugin`: every plugin of the library, if there is such a file; else every plugin of that id, of whatever kind
+    /// and in however many files. Executes nothing.
     ///
     /// # Errors
-    /// There is none, or its file was passed over.
-    pub fn named(&self, id: &str) -> Result<Vec<&Entry>, PluginError> {
-        let found: Vec<&Entry> = self.entries.iter().filter(|entry| entry.manifest.id == id).collect();
-        if found.is_empty() { Err(self.unknown(id, None)) } else { Ok(found) }
+    /// The file cannot be read or has a plugin of an unknown kind; there is no such id, or its file was passed over.
+    pub fn named(&self, plugin: &str) -> Result<Vec<Entry>, PluginError> {
+        let path = Path::new(plugin);
+        if path.is_file() {
+            return read_manifests(path)?.into_iter().map(|manifest| Entry::new(path, manifest)).collect();
+        }
+        let found: Vec<Entry> =
+            self.entries.iter().filter(|entry| entry.manifest.id == plugin).cloned().collect();
+        if found.is_empty() { Err(self.unknown(plugin, None)) } else { Ok(found) }
     }
 
     fn unknown(&self, id: &str, wanted: Option<Kind>) -> PluginError {
@@ -314,24 +325,35 @@ impl Registry {
         IsolatedPolicy::create(&choice.id, &path, config, setup, isolation)
     }
 
-    /// Which plugin a choice means, from its file alone: nothing is executed.
+    /// The file of the plugin that a choice means, and what it says of itself there. Executes nothing.
     ///
     /// # Errors
     /// No file holds it, or the file cannot be read.
-    pub fn identify(&self, choice: &Selection, kind: Kind) -> Result<Identity, PluginError> {
+    pub fn entry(&self, choice: &Selection, kind: Kind) -> Result<Entry, PluginError> {
         let path = self.file(choice, kind)?;
-        let manifests = read_manifests(&path)?;
-        let present = || manifests.iter().map(|manifest| manifest.id.clone()).collect();
-        let manifest = manifests.iter().find(|manifest| manifest.id == choice.id).ok_or_else(|| {
-            PluginError::NotInFile { path: path.clone(), id: choice.id.clone(), present: present() }
-        })?;
+        let mut manifests = read_manifests(&path)?;
+        match manifests.iter().position(|manifest| manifest.id == choice.id) {
+            Some(position) => Entry::new(&path, manifests.swap_remove(position)),
+            None => {
+                let present = manifests.into_iter().map(|manifest| manifest.id).collect();
+                Err(PluginError::NotInFile { path, id: choice.id.clone(), present })
+            }
+        }
+    }
+
+    /// Which plugin a choice means, exactly. Executes nothing.
+    ///
+    /// # Errors
+    /// As for [`entry`](Self::entry).
+    pub fn identify(&self, choice: &Selection, kind: Kind) -> Result<Identity, PluginError> {
+        let Entry { manifest, path, .. } = self.entry(choice, kind)?;
         Ok(Identity {
-            id: choice.id.clone(),
             kind: kind.name(),
-            version: manifest.version.clone(),
             interface: format!("{}.{}", manifest.abi.0, manifest.abi.1),
-            language: manifest.language.clone(),
-            sha256: fingerprint(&path)?,
+            sha256: self.fingerprints.of(&path)?,
+            id: manifest.id,
+            version: manifest.version,
+            language: manifest.language,
         })
     }
 
@@ -351,7 +373,7 @@ impl Registry {
     fn pinned_file(&self, choice: &Selection, kind: Kind) -> Result<PathBuf, PluginError> {
         let path = self.file(choice, kind)?;
         if let Some(pinned) = &choice.sha256 {
-            let found = fingerprint(&path)?;
+            let found = self.fingerprints.of(&path)?;
             if found != *pinned {
                 let id = choice.id.clone();
                 return Err(PluginError::NotPinned { path, id, pinned: pinned.clone(), found });

@@ -204,8 +204,9 @@ impl Record {
         let run = variant.runs.iter().find(|run| run.seed == order.identity.seed)?;
         let file = ExperimentFile::from_text("the record", variant.config.as_str());
         let then = file.variants(&[], None).ok()?;
-        let now = order.provenance();
-        let then = Order { variant: then.first()?, ..*order }.provenance();
+        // With a plugin that is no longer there, it is not the same; the run itself says which.
+        let now = order.provenance().ok()?;
+        let then = Order { variant: then.first()?, ..*order }.provenance().ok()?;
         let is_same = but_for_seed(&then.config, &now.config).next().is_none();
         let version = |plugin: &PluginVersion| {
             let is_it = |kept: &PluginRecord| kept.id == plugin.id && kept.version == plugin.version;

@@ -336,7 +336,7 @@ impl Builder<'_> {
 
     fn selection(&self, choice: &PluginChoice) -> Selection {
         let sha256 = self.experiment.pins.get(&choice.plugin).cloned();
-        Selection { id: choice.plugin.clone(), path: choice.path.clone(), sha256 }
+        Selection { sha256, ..choice.selection() }
     }
 
     /// What a plugin says, at the place in the user's file that it speaks of.

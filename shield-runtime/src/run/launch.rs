@@ -14,10 +14,10 @@ use super::{
 };
 use crate::{
     checkpoint::{CheckpointStore, PluginVersion, Provenance, last_checkpoint},
-    experiment::{Difference, Experiment, ExperimentFile, Override, PluginChoice, Variant, first_difference},
+    experiment::{Difference, Experiment, ExperimentFile, Override, Variant, first_difference},
     joint_loop::{JointLoop, LoopState},
     observer::{Fanout, Observer},
-    plugin::{Registry, Selection, clear_metrics, read_manifests},
+    plugin::{PluginError, Registry, clear_metrics},
 };
 
 /// Which run, with everything that it is made of.
@@ -69,7 +69,7 @@ impl Order<'_> {
             return Ok(Standing::Unfinished);
         }
         let config = self.folder.config()?;
-        if let Some(difference) = first_difference(&config, &self.provenance().config) {
+        if let Some(difference) = first_difference(&config, &self.provenance()?.config) {
             return Ok(Standing::Differs(difference));
         }
         Ok(match self.folder.summary()? {
@@ -84,7 +84,7 @@ impl Order<'_> {
     /// A plugin refuses, the folder exists, or a file cannot be written.
     pub fn begin(&self, overwrite: bool) -> Result<Launch> {
         let prepared = self.prepare()?;
-        let provenance = self.provenance();
+        let provenance = self.provenance()?;
         CheckpointStore::ensure_free(self.folder.path())?;
         self.folder.create(&provenance.config, &self.plugins_json()?, overwrite)?;
         let recorder = self.recorder(RecorderState::default(), &prepared).and_then(|recorder| {
@@ -108,7 +108,7 @@ impl Order<'_> {
         let mut warnings = Vec::new();
         let experience = &mut prepared.participants.experience;
         let found =
-            CheckpointStore::resume(self.folder.path(), self.provenance(), experience, &mut |warning| {
+            CheckpointStore::resume(self.folder.path(), self.provenance()?, experience, &mut |warning| {
                 warnings.push(warning);
             })?;
         let Some((store, saved)) = found else {
@@ -151,7 +151,7 @@ impl Order<'_> {
         let rules = experiment.rules().map(|choice| choice.plugin.clone()).collect();
         let solved_at = experiment.evaluation.as_ref().map_or(1.0, |evaluation| evaluation.solved_at);
         let is_deterministic = experiment.shield.deadline_us.is_none()
-            && manifests(self.registry, experiment).iter().all(|manifest| manifest.deterministic);
+            && manifests(self.registry, experiment)?.iter().all(|manifest| manifest.deterministic);
         let recorder = Recorder::resume(self.folder.clone(), self.identity.clone(), rules, solved_at, state)?;
         let kinds = prepared.participants.world.reset_kinds();
         Ok(recorder.reset_kinds(kinds).deterministic(is_deterministic))
@@ -161,15 +161,14 @@ impl Order<'_> {
     fn plugins_json(&self) -> Result<String> {
         let mut identities = IndexMap::new();
         for (path, kind, choice) in self.variant.experiment.plugins() {
-            let selection = Selection { path: choice.path.clone(), ..Selection::new(&choice.plugin) };
-            identities.insert(path, self.registry.identify(&selection, kind)?);
+            identities.insert(path, self.registry.identify(&choice.selection(), kind)?);
         }
         Ok(serde_json::to_string_pretty(&identities)? + "\n")
     }
 
     /// What the run is made of.
-    pub(crate) fn provenance(&self) -> Provenance {
-        let manifests = manifests(self.registry, &self.variant.experiment);
+    pub(crate) fn provenance(&self) -> Result<Provenance> {
+        let manifests = manifests(self.registry, &self.variant.experiment)?;
         let fields_of = |id: &str| {
             let fields = manifests.iter().find(|manifest| manifest.id == id).map(|manifest| &manifest.fields);
             fields.into_iter().flatten().map(|field| (field.name.clone(), field.default.clone())).collect()
@@ -178,10 +177,10 @@ impl Order<'_> {
             id: manifest.id.clone(),
             version: manifest.version.clone(),
         };
-        Provenance {
+        Ok(Provenance {
             config: self.variant.resolved_ron(self.identity.seed, &fields_of),
             plugins: manifests.iter().map(version).collect(),
-        }
+        })
     }
 }
 
@@ -275,16 +274,9 @@ pub fn of_folder(folder: &RunFolder, overrides: &[Override]) -> Result<(Identity
 }
 
 /// The manifests of every plugin that the experiment names, from the file that it is loaded from.
-fn manifests(registry: &Registry, experiment: &Experiment) -> Vec<Manifest> {
-    let of_choice = |choice: &PluginChoice| match &choice.path {
-        Some(path) => {
-            let manifests = read_manifests(path).unwrap_or_default();
-            manifests.into_iter().find(|manifest| manifest.id == choice.plugin)
-        }
-        None => {
-            let mut entries = registry.entries().iter();
-            entries.find(|entry| entry.manifest.id == choice.plugin).map(|entry| entry.manifest.clone())
-        }
-    };
-    experiment.plugins().into_iter().filter_map(|(_, _, choice)| of_choice(choice)).collect()
+fn manifests(registry: &Registry, experiment: &Experiment) -> Result<Vec<Manifest>, PluginError> {
+    let plugins = experiment.plugins().into_iter();
+    plugins
+        .map(|(_, kind, choice)| registry.entry(&choice.selection(), kind).map(|entry| entry.manifest))
+        .collect()
 }

@@ -35,8 +35,12 @@ fn actor(config: &str, isolation: Isolation) -> IsolatedPolicy {
 }
 
 /// How each end is called in the error.
-const ENDS: [(&str, &str); 4] =
-    [("exit", "exit code 3"), ("abort", "SIGABRT"), ("fault", "SIGSEGV"), ("panic", "the floor is gone")];
+const ENDS: [(&str, &str); 4] = [
+    ("exit", "exit code 3"),
+    ("abort", "signal 6"),
+    ("fault", "segmentation fault"),
+    ("panic", "the floor is gone"),
+];
 
 #[test]
 fn an_end_in_a_step_ends_the_host_or_hides_its_reason() {

@@ -32,7 +32,7 @@ fn a_segmentation_fault_in_an_isolated_environment_ends_the_program() {
     let output = run(folder.path(), "fault", "isolate: true");
     let message = String::from_utf8_lossy(&output.stderr);
     assert_eq!(output.status.code(), Some(1), "{message}");
-    assert!(message.contains("SIGSEGV") && message.contains("failed after 30 steps"), "{message}");
+    assert!(message.contains("segmentation fault") && message.contains("failed after 30 steps"), "{message}");
     let summary = summary(folder.path());
     assert_eq!((&summary["steps"], &summary["complete"]), (&30.into(), &false.into()));
     assert!(summary["error"].as_str().unwrap().contains("deadly/world"), "{summary}");

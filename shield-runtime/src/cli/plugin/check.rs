@@ -2,8 +2,7 @@
 
 use std::{
     env,
-    io::Read as _,
-    path::Path,
+    io::Read,
     process::{Command, ExitStatus, Stdio},
     thread,
     time::{Duration, Instant},
@@ -13,12 +12,13 @@ use clap::Args;
 use comfy_table::{ContentArrangement, Table, presets::NOTHING};
 use indicatif::ProgressBar;
 use serde::{Deserialize, Serialize};
-use shield_api::manifest::Manifest;
 use shield_runtime::{
     environment_check::Verdict,
-    plugin::{Kind, PluginError, Registry, Selection, read_manifests},
+    plugin::{Entry, Kind, Registry, Selection},
     plugin_check::{Candidate, Check, checks},
 };
+
+use shield_worker::Ending;
 
 use super::super::Failure;
 
@@ -79,44 +79,23 @@ enum Told {
 const MARK: &str = "\u{1e}shield-check ";
 
 pub fn check(arguments: &CheckArguments, registry: &Registry) -> Result<(), Failure> {
-    let candidates = candidates(arguments, registry)?;
+    let candidates = registry.named(&arguments.plugin).map_err(|error| Failure::Input(error.to_string()))?;
     if let Some(id) = &arguments.inside {
         return inside(arguments, registry, &candidates, id);
     }
     let progress = if arguments.json { ProgressBar::hidden() } else { ProgressBar::new_spinner() };
     let mut lines = Vec::new();
-    for (selection, kind, manifest) in &candidates {
-        for check in chosen(arguments, *kind)? {
-            progress.set_message(format!("{}: {}", manifest.id, check.name));
+    for entry in &candidates {
+        for check in chosen(arguments, entry.kind)? {
+            let plugin = entry.manifest.id.clone();
+            progress.set_message(format!("{plugin}: {}", check.name));
             progress.tick();
-            let (verdict, reason) = outside(arguments, selection, &check)?;
-            let plugin = manifest.id.clone();
+            let (verdict, reason) = outside(arguments, entry, &check)?;
             lines.push(Line { plugin, check: check.name, rule: check.rule, verdict, reason });
         }
     }
     progress.finish_and_clear();
     report(arguments, &lines)
-}
-
-type Named = (Selection, Kind, Manifest);
-
-fn candidates(arguments: &CheckArguments, registry: &Registry) -> Result<Vec<Named>, Failure> {
-    let refused = |error: PluginError| Failure::Input(error.to_string());
-    let path = Path::new(&arguments.plugin);
-    let manifests: Vec<(std::path::PathBuf, Manifest)> = if path.is_file() {
-        let found = read_manifests(path).map_err(refused)?;
-        found.into_iter().map(|manifest| (path.to_owned(), manifest)).collect()
-    } else {
-        let found = registry.named(&arguments.plugin).map_err(refused)?;
-        found.into_iter().map(|entry| (entry.path.clone(), entry.manifest.clone())).collect()
-    };
-    let named = |(path, manifest): (std::path::PathBuf, Manifest)| {
-        let kind = Kind::from_name(&manifest.kind).ok_or_else(|| {
-            Failure::Input(format!("{:?} is of the unknown kind {:?}", manifest.id, manifest.kind))
-        })?;
-        Ok((Selection::new(&manifest.id).at(path), kind, manifest))
-    };
-    manifests.into_iter().map(named).collect()
 }
 
 fn chosen(arguments: &CheckArguments, kind: Kind) -> Result<Vec<Check>, Failure> {
@@ -136,16 +115,20 @@ fn chosen(arguments: &CheckArguments, kind: Kind) -> Result<Vec<Check>, Failure>
 fn inside(
     arguments: &CheckArguments,
     registry: &Registry,
-    candidates: &[Named],
+    candidates: &[Entry],
     id: &str,
 ) -> Result<(), Failure> {
-    let found = candidates.iter().find(|(selection, ..)| selection.id == id);
-    let (selection, kind, manifest) =
-        found.ok_or_else(|| Failure::Input(format!("there is no plugin {id:?}")))?;
-    let (selection, config) = (selection.clone(), arguments.config.clone());
-    let candidate =
-        Candidate { registry, selection, kind: *kind, manifest, config, seed: arguments.reproduce };
-    for check in chosen(arguments, *kind)? {
+    let found = candidates.iter().find(|entry| entry.manifest.id == id);
+    let entry = found.ok_or_else(|| Failure::Input(format!("there is no plugin {id:?}")))?;
+    let candidate = Candidate {
+        registry,
+        selection: Selection::new(id).at(&entry.path),
+        kind: entry.kind,
+        manifest: &entry.manifest,
+        config: arguments.config.clone(),
+        seed: arguments.reproduce,
+    };
+    for check in chosen(arguments, entry.kind)? {
         let told = match check.run(&candidate) {
             Ok(Verdict::Passed(seen)) => Told::Passed(seen),
             Ok(Verdict::Skipped(why)) => Told::Skipped(why),
@@ -160,25 +143,17 @@ fn inside(
 /// In the parent: runs the child and waits for what it tells, but not for ever.
 fn outside(
     arguments: &CheckArguments,
-    selection: &Selection,
+    entry: &Entry,
     check: &Check,
 ) -> Result<(&'static str, String), Failure> {
     let failed = |error: std::io::Error| Failure::Run(format!("a check cannot be run: {error}"));
     let mut command = Command::new(env::current_exe().map_err(failed)?);
-    command.args(["plugin", "check"]).arg(selection.path.as_deref().unwrap_or(Path::new("")));
-    command.args(["--inside", &selection.id, "--only", check.name, "--config", &arguments.config]);
+    command.args(["plugin", "check"]).arg(&entry.path);
+    command.args(["--inside", &entry.manifest.id, "--only", check.name, "--config", &arguments.config]);
     command.args(["--reproduce", &arguments.reproduce.to_string()]);
     let mut child =
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().map_err(failed)?;
-    let (mut out, mut error) = (child.stdout.take(), child.stderr.take());
-    let reader = thread::spawn(move || {
-        let mut text = Vec::new();
-        out.as_mut().map(|out| out.read_to_end(&mut text)).transpose().map(|_| text)
-    });
-    let complaints = thread::spawn(move || {
-        let mut text = Vec::new();
-        error.as_mut().map(|error| error.read_to_end(&mut text)).transpose().map(|_| text)
-    });
+    let (told, complaints) = (reader(child.stdout.take()), reader(child.stderr.take()));
     let limit = Duration::from_secs(arguments.time_limit);
     let start = Instant::now();
     let status = loop {
@@ -191,14 +166,24 @@ fn outside(
         }
         thread::sleep(Duration::from_millis(5));
     };
-    let text = |reader: thread::JoinHandle<std::io::Result<Vec<u8>>>| {
+    let text = |reader: Reader| {
         let read = reader.join().map_err(|_| Failure::Run("a check cannot be read".into()))?;
         read.map(|text| String::from_utf8_lossy(&text).into_owned()).map_err(failed)
     };
-    let (told, complaints) = (text(reader)?, text(complaints)?);
+    let (told, complaints) = (text(told)?, text(complaints)?);
     Ok(match status {
         None => ("HANG", format!("it was still busy after {} s", limit.as_secs())),
         Some(status) => verdict(status, &told, &complaints),
+    })
+}
+
+type Reader = thread::JoinHandle<std::io::Result<Vec<u8>>>;
+
+/// Reads a stream to its end on a thread of its own: a child whose pipe is full would wait for ever.
+fn reader(stream: Option<impl Read + Send + 'static>) -> Reader {
+    thread::spawn(move || {
+        let mut text = Vec::new();
+        stream.map(|mut stream| stream.read_to_end(&mut text)).transpose().map(|_| text)
     })
 }
 
@@ -212,29 +197,12 @@ fn verdict(status: ExitStatus, told: &str, complaints: &str) -> (&'static str, S
             Told::Failed(what) => ("FAIL", what),
         },
         _ => {
-            let last = complaints.lines().rev().find(|line| !line.trim().is_empty()).unwrap_or_default();
-            (
-                "CRASH",
-                format!("{}{}{last}", how_it_died(status), if last.is_empty() { "" } else { "; it said: " }),
-            )
+            let last = complaints.lines().rev().find(|line| !line.trim().is_empty());
+            let said = last.map_or(String::new(), |last| format!("; it said: {last}"));
+            let ending = Ending::from(status);
+            ("CRASH", format!("the process {ending} before the check had an answer{said}"))
         }
     }
-}
-
-fn how_it_died(status: ExitStatus) -> String {
-    #[cfg(unix)]
-    if let Some(signal) = std::os::unix::process::ExitStatusExt::signal(&status) {
-        let name = match signal {
-            4 => " (illegal instruction)",
-            6 => " (abort)",
-            7 => " (bus error)",
-            8 => " (arithmetic)",
-            11 => " (segmentation fault)",
-            _ => "",
-        };
-        return format!("the process died of signal {signal}{name}");
-    }
-    format!("the process ended with {status} before the check did")
 }
 
 fn report(arguments: &CheckArguments, lines: &[Line]) -> Result<(), Failure> {

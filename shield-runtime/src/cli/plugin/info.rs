@@ -1,10 +1,10 @@
 //! `shield plugin info`: what a plugin says of itself.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use clap::Args;
 use shield_api::manifest::{Manifest, ManifestField};
-use shield_runtime::plugin::{Kind, PluginError, Registry, fingerprint, read_manifests};
+use shield_runtime::plugin::{Entry, Kind, PluginError, Registry, fingerprint};
 
 use super::super::Failure;
 
@@ -18,21 +18,11 @@ pub struct InfoArguments {
 /// Prints the manifest of the plugin, or of every plugin in the library.
 pub fn info(arguments: &InfoArguments, registry: &Registry) -> Result<(), Failure> {
     let refused = |error: PluginError| Failure::Input(error.to_string());
-    for (path, manifest) in named(&arguments.plugin, registry).map_err(refused)? {
+    for Entry { path, manifest, .. } in registry.named(&arguments.plugin).map_err(refused)? {
         let sha256 = fingerprint(&path).map_err(refused)?;
         println!("{}", described(&manifest, &path, &sha256));
     }
     Ok(())
-}
-
-fn named(plugin: &str, registry: &Registry) -> Result<Vec<(PathBuf, Manifest)>, PluginError> {
-    let path = Path::new(plugin);
-    if path.is_file() {
-        let manifests = read_manifests(path)?.into_iter();
-        return Ok(manifests.map(|manifest| (path.to_owned(), manifest)).collect());
-    }
-    let entries = registry.named(plugin)?.into_iter();
-    Ok(entries.map(|entry| (entry.path.clone(), entry.manifest.clone())).collect())
 }
 
 fn described(manifest: &Manifest, path: &Path, sha256: &str) -> String {

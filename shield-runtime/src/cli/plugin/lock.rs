@@ -6,7 +6,7 @@ use anyhow::Context as _;
 use clap::Args;
 use shield_runtime::{
     experiment::ExperimentFile,
-    plugin::{Identity, Registry, Selection},
+    plugin::{Identity, Registry},
 };
 
 use super::super::Failure;
@@ -26,9 +26,8 @@ pub fn lock(arguments: &LockArguments, registry: &Registry) -> Result<(), Failur
     let mut identities: BTreeMap<String, Identity> = BTreeMap::new();
     for variant in bare.variants(&[], None)? {
         for (path, kind, choice) in variant.experiment.plugins() {
-            let selection = Selection { path: choice.path.clone(), ..Selection::new(&choice.plugin) };
             let identity = registry
-                .identify(&selection, kind)
+                .identify(&choice.selection(), kind)
                 .map_err(|error| variant.error_at(&format!("{path}.plugin"), None, error.to_string()))?;
             if let Some(other) = identities.insert(choice.plugin.clone(), identity.clone())
                 && other != identity

@@ -1,5 +1,7 @@
 //! `shield plugin new`: the folder of a plugin that builds at once.
 
+mod templates;
+
 use std::{
     env, fs,
     path::{Path, PathBuf},
@@ -7,6 +9,9 @@ use std::{
 
 use clap::{Args, ValueEnum};
 
+use shield_runtime::plugin::Kind;
+
+use self::templates::{Values, templates};
 use super::super::Failure;
 
 /// Arguments of `shield plugin new`.
@@ -58,34 +63,17 @@ enum Language {
     C,
 }
 
-/// The texts of one kind.
-struct Templates {
-    name: &'static str,
-    rust: &'static str,
-    c: &'static str,
-    experiment: &'static str,
-}
-
-macro_rules! templates {
-    ($name:literal) => {
-        Templates {
-            name: $name,
-            rust: include_str!(concat!("new/rust/", $name, ".rs")),
-            c: include_str!(concat!("new/c/", $name, ".c")),
-            experiment: include_str!(concat!("new/", $name, ".ron")),
-        }
-    };
-}
-
 impl NewKind {
-    fn templates(self) -> Templates {
+    /// The kind in a manifest.
+    fn name(self) -> &'static str {
         match self {
-            Self::Environment => templates!("environment"),
-            Self::Learner => templates!("learner"),
-            Self::Policy => templates!("policy"),
-            Self::AbortRule => templates!("abort-rule"),
-            Self::ResetTask => templates!("reset-task"),
+            Self::Environment => Kind::Environment,
+            Self::Learner => Kind::Learner,
+            Self::Policy => Kind::Policy,
+            Self::AbortRule => Kind::AbortRule,
+            Self::ResetTask => Kind::ResetTask,
         }
+        .name()
     }
 }
 
@@ -103,7 +91,8 @@ pub fn new(arguments: &NewArguments) -> Result<(), Failure> {
         let message = format!("{} exists already; --path <folder> makes another", folder.display());
         return Err(Failure::Input(message));
     }
-    for (file, text) in files(arguments, name, &api) {
+    let texts = files(arguments, name, &api).map_err(|error| Failure::Run(format!("{error:#}")))?;
+    for (file, text) in texts {
         let path = folder.join(file);
         let made = path.parent().map_or(Ok(()), fs::create_dir_all).and_then(|()| fs::write(&path, text));
         made.map_err(|error| Failure::Run(format!("{} cannot be written: {error}", path.display())))?;
@@ -116,35 +105,43 @@ pub fn new(arguments: &NewArguments) -> Result<(), Failure> {
 }
 
 /// The files of the folder with their texts.
-fn files(arguments: &NewArguments, name: &str, api: &Path) -> Vec<(&'static str, String)> {
-    let templates = arguments.kind.templates();
-    let fill = |text: &str| {
-        let author = env::var("USER").unwrap_or_else(|_| "unknown".into());
-        text.replace("{{id}}", &arguments.id)
-            .replace("{{kind}}", templates.name)
-            .replace("{{name}}", name)
-            .replace("{{crate}}", name)
-            .replace("{{type}}", &type_name(name))
-            .replace("{{author}}", &author.replace(['"', '\\'], ""))
-            .replace("{{library}}", &library(arguments.language, name))
-            .replace("{{api}}", &api.display().to_string())
+fn files(
+    arguments: &NewArguments,
+    name: &str,
+    api: &Path,
+) -> Result<Vec<(&'static str, String)>, minijinja::Error> {
+    let kind = arguments.kind.name();
+    let author = env::var("USER").unwrap_or_else(|_| "unknown".into());
+    let values = Values {
+        id: arguments.id.clone(),
+        name: name.into(),
+        type_name: type_name(name),
+        kind: kind.into(),
+        entry: kind.replace('-', "_"),
+        constant: kind.replace('-', "_").to_uppercase(),
+        table: type_name(kind),
+        author: author.replace(['"', '\\'], ""),
+        library: library(arguments.language, name),
+        api: api.display().to_string(),
     };
+    let source = |folder: &str, ending: &str| format!("{folder}/{kind}.{ending}");
     let own = match arguments.language {
         Language::Rust => [
-            ("Cargo.toml", include_str!("new/rust/Cargo.toml")),
-            ("src/lib.rs", templates.rust),
-            ("README.md", include_str!("new/rust/README.md")),
-            (".gitignore", include_str!("new/rust/gitignore")),
+            ("Cargo.toml", "rust/Cargo.toml".into()),
+            ("src/lib.rs", source("rust", "rs")),
+            ("README.md", "rust/README.md".into()),
+            (".gitignore", "rust/gitignore".into()),
         ],
         Language::C => [
-            ("Makefile", include_str!("new/c/Makefile")),
-            ("plugin.c", templates.c),
-            ("README.md", include_str!("new/c/README.md")),
-            (".gitignore", include_str!("new/c/gitignore")),
+            ("Makefile", "c/Makefile".into()),
+            ("plugin.c", source("c", "c")),
+            ("README.md", "c/README.md".into()),
+            (".gitignore", "c/gitignore".into()),
         ],
     };
-    let experiment = ("experiment.ron", templates.experiment);
-    own.into_iter().chain([experiment]).map(|(file, text)| (file, fill(text))).collect()
+    let templates = templates()?;
+    let files = own.into_iter().chain([("experiment.ron", "experiment.ron".into())]);
+    files.map(|(file, template)| Ok((file, templates.get_template(&template)?.render(&values)?))).collect()
 }
 
 /// The library that the folder builds, as seen from the folder.

@@ -4,7 +4,7 @@ use shield_api::{
     Environment, EnvironmentSpec, ErrorKind, Frame, ResetKind, Result, Setup, Space, Spaces, StepOutcome,
     abi::{
         CostsTable, EXTENSION_COSTS, EXTENSION_RENDER, EXTENSION_STARTS, EnvironmentTable, Floats, Instance,
-        RenderTable, SpaceView, SpecView, StartsTable, StepView, Text, step_flag,
+        RenderTable, SpaceView, SpecView, StartsTable, StepView, Text,
     },
 };
 
@@ -20,8 +20,6 @@ const LONGEST_NAME: usize = 256;
 /// Of either side, in pixels.
 const LARGEST_FRAME: u32 = 4096;
 const USUAL_FRAME: [usize; 2] = [320, 240];
-const KNOWN_FLAGS: u32 =
-    step_flag::IN_RESET_SET | step_flag::TERMINATED | step_flag::SUCCESS | step_flag::IRREVERSIBLE;
 
 /// An environment behind the binary interface.
 #[derive(Debug)]
@@ -110,18 +108,8 @@ impl Environment for LoadedEnvironment {
             "[forward, reset] reward",
             &[view.forward_reward, view.reset_reward],
         )?;
-        if view.flags & !KNOWN_FLAGS != 0 {
-            return Err(self.handle.broken(format!("`step` gave the unknown flags {:#x}", view.flags)));
-        }
-        let is_set = |flag: u32| view.flags & flag != 0;
-        Ok(StepOutcome {
-            forward_reward: view.forward_reward,
-            reset_reward: view.reset_reward,
-            in_reset_set: is_set(step_flag::IN_RESET_SET),
-            terminated: is_set(step_flag::TERMINATED),
-            success: is_set(step_flag::SUCCESS),
-            irreversible: is_set(step_flag::IRREVERSIBLE),
-        })
+        StepOutcome::try_from(view)
+            .map_err(|flags| self.handle.broken(format!("`step` gave the unknown flags {flags:#x}")))
     }
 
     fn starts(&self) -> Vec<String> {

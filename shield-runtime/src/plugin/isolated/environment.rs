@@ -10,13 +10,13 @@ use std::{
 };
 
 use shield_api::{
-    Checkpoint, Environment, EnvironmentSpec, Error, ErrorKind, ResetKind, Result, Setup, StepOutcome,
-    abi::step_flag, check_length,
+    Environment, EnvironmentSpec, Error, ErrorKind, ResetKind, Result, Setup, StepOutcome, abi::StepView,
+    check_length,
 };
 
 use super::{
     Isolation,
-    host::Isolated,
+    host::{Isolated, checkpoint},
     protocol::{self, Created, IsolatedKind, Operation},
 };
 use crate::plugin::PluginError;
@@ -104,15 +104,7 @@ pub(super) fn recovered(isolated: &mut Isolated, error: Error) -> Result<()> {
     }
 }
 
-impl Checkpoint for IsolatedEnvironment {
-    fn save(&self, bytes: &mut Vec<u8>) -> Result<()> {
-        self.isolated.borrow_mut().save(bytes)
-    }
-
-    fn load(&mut self, bytes: &[u8]) -> Result<()> {
-        self.isolated.get_mut().load(bytes)
-    }
-}
+checkpoint!(IsolatedEnvironment);
 
 impl Environment for IsolatedEnvironment {
     fn spec(&self) -> EnvironmentSpec {
@@ -138,16 +130,10 @@ impl Environment for IsolatedEnvironment {
         let memory = self.isolated.get_mut().memory();
         let mut rewards = [0.0; 2];
         memory.read(protocol::REWARDS, &mut rewards);
-        let flags: u32 = memory.get(protocol::FLAGS);
-        let is_set = |flag: u32| flags & flag != 0;
-        Ok(StepOutcome {
-            forward_reward: rewards[0],
-            reset_reward: rewards[1],
-            in_reset_set: is_set(step_flag::IN_RESET_SET),
-            terminated: is_set(step_flag::TERMINATED),
-            success: is_set(step_flag::SUCCESS),
-            irreversible: is_set(step_flag::IRREVERSIBLE),
-        })
+        let [forward_reward, reset_reward] = rewards;
+        let view = StepView { forward_reward, reset_reward, flags: memory.get(protocol::FLAGS) };
+        StepOutcome::try_from(view)
+            .map_err(|flags| Error::failed(format!("its process gave the unknown flags {flags:#x}")))
     }
 
     fn starts(&self) -> Vec<String> {

@@ -2,8 +2,8 @@
 
 use anyhow::Context;
 use shield_api::{
-    Checkpoint, Environment, Error, Policy, ResetKind, Result, Setup, Spaces, StepOutcome,
-    abi::{status, step_flag},
+    Checkpoint, Environment, Error, Policy, ResetKind, Result, Setup, Spaces,
+    abi::{StepView, status},
 };
 use shield_worker::{Client, Memory};
 
@@ -83,8 +83,9 @@ impl Guest {
                 memory.read(actions, action);
                 let outcome = environment.step(action, observation)?;
                 memory.write(observations, observation);
-                memory.write(protocol::REWARDS, &[outcome.forward_reward, outcome.reset_reward]);
-                memory.write(protocol::FLAGS, &[flags(&outcome)]);
+                let StepView { forward_reward, reset_reward, flags } = outcome.into();
+                memory.write(protocol::REWARDS, &[forward_reward, reset_reward]);
+                memory.write(protocol::FLAGS, &[flags]);
             }
             (Operation::ResetKind, Instance::Environment(environment)) => {
                 memory.write(protocol::STATE, &[environment.reset_kind()? as u64]);
@@ -196,12 +197,4 @@ fn make(creation: Creation) -> Result<(Instance, Spaces), PluginError> {
 
 fn offset(memory: &Memory) -> usize {
     usize::try_from(memory.get::<u64>(protocol::STATE + size_of::<u64>())).unwrap_or(usize::MAX)
-}
-
-fn flags(outcome: &StepOutcome) -> u32 {
-    let flag = |is_set: bool, bit: u32| if is_set { bit } else { 0 };
-    flag(outcome.in_reset_set, step_flag::IN_RESET_SET)
-        | flag(outcome.terminated, step_flag::TERMINATED)
-        | flag(outcome.success, step_flag::SUCCESS)
-        | flag(outcome.irreversible, step_flag::IRREVERSIBLE)
 }

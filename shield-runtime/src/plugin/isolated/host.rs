@@ -172,3 +172,19 @@ fn report(lines: &str) {
         }
     }
 }
+
+/// `save` and `load` of a wrapper with an `isolated: RefCell<Isolated>`.
+macro_rules! checkpoint {
+    ($wrapper:ty) => {
+        impl shield_api::Checkpoint for $wrapper {
+            fn save(&self, bytes: &mut Vec<u8>) -> shield_api::Result<()> {
+                self.isolated.borrow_mut().save(bytes)
+            }
+
+            fn load(&mut self, bytes: &[u8]) -> shield_api::Result<()> {
+                self.isolated.get_mut().load(bytes)
+            }
+        }
+    };
+}
+pub(super) use checkpoint;

@@ -2,12 +2,12 @@
 
 use std::{cell::RefCell, path::Path};
 
-use shield_api::{Checkpoint, Policy, Result, Setup, Spaces, check_finite, check_length};
+use shield_api::{Policy, Result, Setup, Spaces, check_finite, check_length};
 
 use super::{
     Isolation,
     environment::recovered,
-    host::Isolated,
+    host::{Isolated, checkpoint},
     protocol::{self, IsolatedKind, Operation},
 };
 use crate::plugin::{PluginError, ffi::spaces};
@@ -33,15 +33,7 @@ impl IsolatedPolicy {
     }
 }
 
-impl Checkpoint for IsolatedPolicy {
-    fn save(&self, bytes: &mut Vec<u8>) -> Result<()> {
-        self.isolated.borrow_mut().save(bytes)
-    }
-
-    fn load(&mut self, bytes: &[u8]) -> Result<()> {
-        self.isolated.get_mut().load(bytes)
-    }
-}
+checkpoint!(IsolatedPolicy);
 
 impl Policy for IsolatedPolicy {
     fn act(&mut self, observation: &[f32], action: &mut [f32]) -> Result<()> {

@@ -1,35 +1,33 @@
-//! `{{id}}`: forbids pushing hard.
-#![forbid(unsafe_code)]
+<% extends "rust/base.rs" %>
+<% block setup %>_setup<% endblock %>
+<% block summary %>forbids pushing hard<% endblock %>
+<% block description %>Forbids pushing hard<% endblock %>
 
-use shield_api::*;
+<% block imports %>
 use std::fmt::Write as _;
+<% endblock %>
 
-
-config! {
-    /// Settings of `{{id}}`.
-    pub struct Settings {
+<% block settings %>
         /// The largest magnitude that is allowed in any dimension of an action.
         limit: f32 = 0.9,
-    }
-}
+<% endblock %>
 
+<% block instance %>
 /// The rule.
-struct {{type}} {
+struct [[ type ]] {
     limit: f32,
 }
+<% endblock %>
 
-impl Plugin for {{type}} {
-    type Config = Settings;
-
-    fn create(settings: Settings, _setup: &Setup) -> Result<Self> {
+<% block create %>
         if !(settings.limit > 0.0 && settings.limit.is_finite()) {
             return Err(Error::invalid_config(format!("`limit` is {}; it must be above 0", settings.limit)));
         }
         Ok(Self { limit: settings.limit })
-    }
-}
+<% endblock %>
 
-impl AbortRule for {{type}} {
+<% block abilities %>
+impl AbortRule for [[ type ]] {
     fn needs(&self) -> Needs {
         // `values: true` asks for the reset ensemble's values of the proposed action.
         Needs::default()
@@ -58,29 +56,12 @@ impl AbortRule for {{type}} {
         Ok(())
     }
 }
+<% endblock %>
 
-/// There is no state beyond the configuration: nothing to save, and nothing to load.
-impl Checkpoint for {{type}} {
-    fn save(&self, _bytes: &mut Vec<u8>) -> Result<()> {
-        Ok(())
-    }
-
-    fn load(&mut self, bytes: &[u8]) -> Result<()> {
-        if bytes.is_empty() { Ok(()) } else { Err(Error::invalid_argument("there is no state to load")) }
-    }
-}
-
-shield_api::export_plugin! {
-    abort_rule "{{id}}" => {{type}} { description: "Forbids pushing hard", deterministic: true }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
+<% block tests %>
     #[test]
     fn a_hard_push_is_rejected_and_says_why() {
-        let rule = {{type}} { limit: 0.5 };
+        let rule = [[ type ]] { limit: 0.5 };
         let context = |proposed| RuleContext { proposed, ..RuleContext::default() };
         let mut room = [0; 100];
         let mut reason = Reason::new(&mut room);
@@ -88,4 +69,4 @@ mod tests {
         assert_eq!(rule.evaluate(&context(&[-0.7]), &mut reason).unwrap().verdict, Verdict::Reject);
         assert!(!reason.is_empty());
     }
-}
+<% endblock %>

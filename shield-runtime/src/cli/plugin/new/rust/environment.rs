@@ -1,29 +1,25 @@
-//! `{{id}}`: a point on a line that falls off beyond 1.
-#![forbid(unsafe_code)]
+<% extends "rust/base.rs" %>
+<% set saved = "position" %>
+<% block setup %>_setup<% endblock %>
+<% block summary %>a point on a line that falls off beyond 1<% endblock %>
+<% block description %>A point on a line that falls off beyond 1<% endblock %>
 
-use shield_api::*;
-
-
-config! {
-    /// Settings of `{{id}}`.
-    pub struct Settings {
+<% block settings %>
         /// How far one step leads.
         stride: f32 = 0.1,
         /// Steps of an episode.
         horizon: usize = 50,
-    }
-}
+<% endblock %>
 
+<% block instance %>
 /// The state of the world.
-struct {{type}} {
+struct [[ type ]] {
     settings: Settings,
     position: f32,
 }
+<% endblock %>
 
-impl Plugin for {{type}} {
-    type Config = Settings;
-
-    fn create(settings: Settings, _setup: &Setup) -> Result<Self> {
+<% block create %>
         // A value that cannot be is refused here, so that nobody checks again.
         if !(settings.stride > 0.0 && settings.stride.is_finite()) {
             return Err(Error::invalid_config(format!("`stride` is {}; it must be above 0", settings.stride)));
@@ -32,10 +28,10 @@ impl Plugin for {{type}} {
             return Err(Error::invalid_config("`horizon` is 0; an episode needs a step"));
         }
         Ok(Self { settings, position: 0.0 })
-    }
-}
+<% endblock %>
 
-impl Environment for {{type}} {
+<% block abilities %>
+impl Environment for [[ type ]] {
     fn spec(&self) -> EnvironmentSpec {
         let spaces = Spaces { observation: Space::unbounded(1), action: Space::uniform(1, -1.0, 1.0) };
         EnvironmentSpec { spaces, episode_length: self.settings.horizon, brings_reset_reward: true }
@@ -64,35 +60,16 @@ impl Environment for {{type}} {
         })
     }
 }
+<% endblock %>
 
-impl Checkpoint for {{type}} {
-    fn save(&self, bytes: &mut Vec<u8>) -> Result<()> {
-        bytes.extend(self.position.to_le_bytes());
-        Ok(())
-    }
-
-    fn load(&mut self, bytes: &[u8]) -> Result<()> {
-        let bytes = bytes.try_into().map_err(|_| Error::invalid_argument("a saved state has 4 bytes"))?;
-        self.position = f32::from_le_bytes(bytes);
-        Ok(())
-    }
-}
-
-shield_api::export_plugin! {
-    environment "{{id}}" => {{type}} { description: "A point on a line that falls off beyond 1", deterministic: true }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
+<% block tests %>
     #[test]
     fn whoever_goes_on_to_the_right_falls_and_stays_down() {
-        let mut world = {{type}}::create(Settings::default(), &Setup::new(0, 1, Host::silent())).unwrap();
+        let mut world = [[ type ]]::create(Settings::default(), &Setup::new(0, 1, Host::silent())).unwrap();
         let mut observation = [0.0];
         world.reset(0, &mut observation).unwrap();
         let fall = (0..20).map(|_| world.step(&[1.0], &mut observation).unwrap().irreversible).collect::<Vec<_>>();
         assert!(!fall[0] && fall[19]);
         assert!(world.step(&[-1.0], &mut observation).unwrap().irreversible, "there is no way back");
     }
-}
+<% endblock %>

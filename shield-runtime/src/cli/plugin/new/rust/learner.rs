@@ -1,30 +1,25 @@
-//! `{{id}}`: the same value everywhere; put a real learner here.
-#![forbid(unsafe_code)]
+<% extends "rust/base.rs" %>
+<% set saved = "value" %>
+<% block summary %>the same value everywhere; put a real learner here<% endblock %>
+<% block description %>The same value everywhere<% endblock %>
 
-use shield_api::*;
-
-
-config! {
-    /// Settings of `{{id}}`.
-    pub struct Settings {
+<% block settings %>
         /// Share of the way towards the target that one update goes.
         rate: f32 = 0.1,
         /// γ.
         discount: f32 = 0.99,
-    }
-}
+<% endblock %>
 
+<% block instance %>
 /// What was learned.
-struct {{type}} {
+struct [[ type ]] {
     settings: Settings,
     spaces: Spaces,
     value: f32,
 }
+<% endblock %>
 
-impl Plugin for {{type}} {
-    type Config = Settings;
-
-    fn create(settings: Settings, setup: &Setup) -> Result<Self> {
+<% block create %>
         if !(settings.rate > 0.0 && settings.rate <= 1.0) {
             return Err(Error::invalid_config(format!("`rate` is {}; it must be above 0 and up to 1", settings.rate)));
         }
@@ -32,10 +27,10 @@ impl Plugin for {{type}} {
             return Err(Error::invalid_config(format!("`discount` is {}; it must be in [0, 1)", settings.discount)));
         }
         Ok(Self { settings, spaces: setup.spaces()?.clone(), value: 0.0 })
-    }
-}
+<% endblock %>
 
-impl Learner for {{type}} {
+<% block abilities %>
+impl Learner for [[ type ]] {
     fn info(&self) -> LearnerInfo {
         LearnerInfo { members: 1, discount: self.settings.discount }
     }
@@ -82,28 +77,9 @@ impl Learner for {{type}} {
         Ok(())
     }
 }
+<% endblock %>
 
-impl Checkpoint for {{type}} {
-    fn save(&self, bytes: &mut Vec<u8>) -> Result<()> {
-        bytes.extend(self.value.to_le_bytes());
-        Ok(())
-    }
-
-    fn load(&mut self, bytes: &[u8]) -> Result<()> {
-        let bytes = bytes.try_into().map_err(|_| Error::invalid_argument("a saved state has 4 bytes"))?;
-        self.value = f32::from_le_bytes(bytes);
-        Ok(())
-    }
-}
-
-shield_api::export_plugin! {
-    learner "{{id}}" => {{type}} { description: "The same value everywhere", deterministic: true }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
+<% block tests %>
     fn setup() -> Setup {
         let spaces = Spaces { observation: Space::unbounded(2), action: Space::uniform(1, -1.0, 1.0) };
         Setup::with_spaces(0, 1, Host::silent(), spaces)
@@ -111,7 +87,7 @@ mod tests {
 
     #[test]
     fn a_reward_raises_the_value() {
-        let mut learner = {{type}}::create(Settings::default(), &setup()).unwrap();
+        let mut learner = [[ type ]]::create(Settings::default(), &setup()).unwrap();
         let batch = Batch {
             size: 1,
             observations: &[0.0; 2],
@@ -126,4 +102,4 @@ mod tests {
         learner.q_values(&[0.0; 2], &[0.0], &mut values).unwrap();
         assert!(values[0] > 0.0);
     }
-}
+<% endblock %>

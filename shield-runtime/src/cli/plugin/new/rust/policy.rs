@@ -1,27 +1,21 @@
-//! `{{id}}`: always pushes equally hard; put a controller here.
-#![forbid(unsafe_code)]
+<% extends "rust/base.rs" %>
+<% block summary %>always pushes equally hard; put a controller here<% endblock %>
+<% block description %>Always pushes equally hard<% endblock %>
 
-use shield_api::*;
-
-
-config! {
-    /// Settings of `{{id}}`.
-    pub struct Settings {
+<% block settings %>
         /// Where in each dimension's range the action lies: -1 is its lower end, 1 its upper.
         push: f32 = 0.5,
-    }
-}
+<% endblock %>
 
+<% block instance %>
 /// The policy.
-struct {{type}} {
+struct [[ type ]] {
     spaces: Spaces,
     action: Vec<f32>,
 }
+<% endblock %>
 
-impl Plugin for {{type}} {
-    type Config = Settings;
-
-    fn create(settings: Settings, setup: &Setup) -> Result<Self> {
+<% block create %>
         if !(-1.0..=1.0).contains(&settings.push) {
             return Err(Error::invalid_config(format!("`push` is {}; it must be in [-1, 1]", settings.push)));
         }
@@ -34,36 +28,19 @@ impl Plugin for {{type}} {
             Space::Discrete { .. } => vec![0.0],
         };
         Ok(Self { spaces, action })
-    }
-}
+<% endblock %>
 
-impl Policy for {{type}} {
+<% block abilities %>
+impl Policy for [[ type ]] {
     fn act(&mut self, observation: &[f32], action: &mut [f32]) -> Result<()> {
         check_finite("observation", observation, self.spaces.observation_len())?;
         action.copy_from_slice(&self.action);
         Ok(())
     }
 }
+<% endblock %>
 
-/// There is no state beyond the configuration: nothing to save, and nothing to load.
-impl Checkpoint for {{type}} {
-    fn save(&self, _bytes: &mut Vec<u8>) -> Result<()> {
-        Ok(())
-    }
-
-    fn load(&mut self, bytes: &[u8]) -> Result<()> {
-        if bytes.is_empty() { Ok(()) } else { Err(Error::invalid_argument("there is no state to load")) }
-    }
-}
-
-shield_api::export_plugin! {
-    policy "{{id}}" => {{type}} { description: "Always pushes equally hard", deterministic: true }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
+<% block tests %>
     fn setup() -> Setup {
         let spaces = Spaces { observation: Space::unbounded(2), action: Space::uniform(1, -1.0, 1.0) };
         Setup::with_spaces(0, 1, Host::silent(), spaces)
@@ -71,9 +48,9 @@ mod tests {
 
     #[test]
     fn it_pushes_half_as_hard_as_it_can() {
-        let mut policy = {{type}}::create(Settings::default(), &setup()).unwrap();
+        let mut policy = [[ type ]]::create(Settings::default(), &setup()).unwrap();
         let mut action = [0.0];
         policy.act(&[0.0, 0.0], &mut action).unwrap();
         assert_eq!(action, [0.5]);
     }
-}
+<% endblock %>
