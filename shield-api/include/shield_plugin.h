@@ -145,6 +145,8 @@ typedef struct ShieldHostTable {
   void (*log)(uint32_t level, struct ShieldText message);
   // Reports a figure.
   void (*metric)(struct ShieldText name, double value);
+  // A table of further services by name; null where this host has none of that name. `host` is this table.
+  const void *(*get_extension)(const struct ShieldHostTable *host, struct ShieldText name);
 } ShieldHostTable;
 
 // Arguments of `LifeTable::create`.

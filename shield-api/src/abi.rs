@@ -176,6 +176,8 @@ pub struct HostTable {
     pub log: unsafe extern "C" fn(level: u32, message: Text),
     /// Reports a figure.
     pub metric: unsafe extern "C" fn(name: Text, value: f64),
+    /// A table of further services by name; null where this host has none of that name. `host` is this table.
+    pub get_extension: unsafe extern "C" fn(host: *const HostTable, name: Text) -> *const c_void,
 }
 
 /// Arguments of [`LifeTable::create`].

@@ -66,6 +66,12 @@ fn a_rule_in_c_judges_and_linearises_and_keeps_its_state() {
 }
 
 #[test]
+fn a_library_in_c_of_a_later_minor_version_works() {
+    let rule = create("later_minor", &["ABI_MINOR=7"], "()").unwrap();
+    assert_eq!(judge(&rule, 0.25).unwrap().0.verdict, Verdict::Allow);
+}
+
+#[test]
 fn half_a_saved_state_is_taken_back() {
     let rule = create("save_fails", &["SAVE_FAILS"], "()").unwrap();
     let mut bytes = vec![9];

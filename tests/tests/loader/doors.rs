@@ -2,10 +2,11 @@
 
 use std::fs;
 
-use shield_runtime::plugin::{Library, PluginError, read_manifests};
+use shield_api::Policy as _;
+use shield_runtime::plugin::{Library, PluginError, Registry, Selection, read_manifests};
 use tempfile::tempdir;
 
-use crate::fixtures::{c_fixture, check_refusal, fixture, refusal};
+use crate::fixtures::{c_fixture, check_refusal, fixture, refusal, setup};
 
 #[test]
 fn a_library_with_several_plugins_of_a_kind_loads() {
@@ -49,6 +50,35 @@ fn swapped_fields_are_refused_by_name() {
         ],
     );
     assert!(matches!(refusal(&path), PluginError::Layout { .. }));
+}
+
+#[test]
+fn a_field_of_another_type_is_refused_by_name() {
+    check_refusal(
+        &fixture("retyped"),
+        &["its tables differ", "abort_rule.observe", "aborted", "expected the type `u32`, found `i32`"],
+    );
+}
+
+#[test]
+fn a_missing_field_is_refused() {
+    check_refusal(
+        &fixture("missing"),
+        &["its tables differ", "in `HostTable`", "expected 4 fields, found 3", "rebuild the plugin"],
+    );
+}
+
+/// An older one, the first of all, is kept in `tests/fixtures/kept`.
+#[test]
+fn a_library_of_a_later_minor_version_loads_and_runs() {
+    let path = fixture("newer");
+    let library = Library::load(&path).unwrap();
+    assert_eq!(library.manifests().next().unwrap().abi, (1, 7));
+    let choice = Selection::new("fixture/idle").at(&path);
+    let mut policy = Registry::default().policy(&choice, "", &setup()).unwrap();
+    let mut action = [1.0];
+    policy.act(&[0.0, 0.0], &mut action).unwrap();
+    assert_eq!(action, [0.0]);
 }
 
 #[test]

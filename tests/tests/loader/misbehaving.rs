@@ -75,6 +75,115 @@ fn a_panic_takes_the_instance_and_no_other_out_of_service() {
     whole.step(&[0.0], &mut observation).unwrap();
 }
 
+/// Calls everything that an environment can do, in the order in which a host would.
+fn use_world(fault: &str) -> Result<(), String> {
+    let mut world = world(fault).map_err(|error| error.to_string())?;
+    let mut observation = [0.0];
+    let mut used = || {
+        world.reset(0, &mut observation)?;
+        world.reset_to("there", 0, &mut observation)?;
+        world.step(&[0.0], &mut observation)?;
+        world.reset_kind()?;
+        let [width, height] = world.frame_size();
+        world.render(&mut Frame::new(width, height, &mut vec![0; 3 * width * height])?)?;
+        world.save(&mut Vec::new())?;
+        refused_only(world.load(&[]))
+    };
+    used().map_err(|error| error.message().to_string())
+}
+
+/// Nothing of the faulty loads a state.
+fn refused_only(loaded: Result<()>) -> Result<()> {
+    loaded.or_else(|error| if error.kind() == ErrorKind::Unsupported { Ok(()) } else { Err(error) })
+}
+
+fn use_agent(fault: &str) -> Result<(), String> {
+    let mut agent = agent(fault).map_err(|error| error.to_string())?;
+    let (mut action, mut values, mut gradients) = ([0.0], [0.0], [0.0]);
+    let one = [0.0];
+    let batch = Batch {
+        size: 1,
+        observations: &one,
+        actions: &one,
+        rewards: &one,
+        next_observations: &one,
+        continuations: &one,
+        masks: &one,
+    };
+    let mut used = || {
+        agent.act(&one, ActMode::Greedy, &mut action)?;
+        agent.q_values(&one, &one, &mut values)?;
+        agent.q_gradients(&one, &one, &mut values, &mut gradients)?;
+        agent.update(&batch)?;
+        refused_only(agent.load(&[]))
+    };
+    used().map_err(|error| error.message().to_string())
+}
+
+fn use_actor(fault: &str) -> Result<(), String> {
+    let actor = Registry::default().policy(&choice("faulty/actor"), &config(fault), &spaces());
+    let acted = actor.map_err(|error| error.to_string())?.act(&[0.0], &mut [0.0]);
+    acted.map_err(|error| error.message().to_string())
+}
+
+fn use_rule(fault: &str) -> Result<(), String> {
+    struct Nothing;
+    impl Rows for Nothing {
+        fn push(&mut self, _: &[f32], _: f32) -> Result<()> {
+            Ok(())
+        }
+    }
+    let rule = Registry::default().abort_rule(&choice("faulty/rule"), &config(fault), &spaces());
+    let mut rule = rule.map_err(|error| error.to_string())?;
+    let mut used = || {
+        rule.evaluate(&CONTEXT, &mut Reason::new(&mut []))?;
+        rule.linearise(&CONTEXT, &[], &mut Nothing)?;
+        rule.observe(&ObservedDecision { step: 0, aborted: false, action: &[0.0] })
+    };
+    used().map_err(|error| error.message().to_string())
+}
+
+fn use_task(fault: &str) -> Result<(), String> {
+    let task = Registry::default().reset_task(&choice("faulty/task"), &config(fault), &spaces());
+    let mut task = task.map_err(|error| error.to_string())?;
+    let used = task.observe_start(&[0.0]).and_then(|()| task.evaluate(&[0.0], &[0.0], &[0.0]));
+    used.map(|_| ()).map_err(|error| error.message().to_string())
+}
+
+#[test]
+fn a_panic_in_any_function_of_any_kind_is_an_error_that_names_it() {
+    type Use = fn(&str) -> Result<(), String>;
+    let kinds: [(Use, &[&str]); 5] = [
+        (
+            use_world,
+            &[
+                "spec",
+                "starts",
+                "reset_kinds",
+                "reset",
+                "reset_to",
+                "step",
+                "reset_kind",
+                "frame_size",
+                "render",
+                "load",
+            ],
+        ),
+        (use_agent, &["info", "act", "q_values", "q_gradients", "update", "load"]),
+        (use_actor, &["act"]),
+        (use_rule, &["needs", "evaluate", "linearise", "observe"]),
+        (use_task, &["evaluate", "observe_start"]),
+    ];
+    for (use_all, functions) in kinds {
+        assert_eq!(use_all(""), Ok(()));
+        for function in functions {
+            let error = use_all(&format!("panic in {function}")).expect_err(function);
+            let message = format!("the floor is gone in {function} (");
+            assert!(error.contains(&message) && error.contains("lib.rs:"), "{function}: {error}");
+        }
+    }
+}
+
 #[test]
 fn a_panic_under_a_shared_reference_takes_the_rule_out_of_service() {
     let rule = rule("panic in evaluate");

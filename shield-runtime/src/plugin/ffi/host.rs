@@ -5,6 +5,7 @@
 
 use std::{
     cell::{Cell, RefCell},
+    ffi::c_void,
     panic::{AssertUnwindSafe, catch_unwind},
 };
 
@@ -17,11 +18,14 @@ use shield_api::{
 /// A thread keeps figures of at most so many names: a plugin that makes up names for ever is stopped here.
 const MOST_METRICS: usize = 256;
 
-static WITHOUT_METRICS: HostTable =
-    HostTable { struct_size: size_of::<HostTable>(), log: write_log, metric: drop_metric };
+static TABLE: HostTable = HostTable {
+    struct_size: size_of::<HostTable>(),
+    log: write_log,
+    metric: keep_metric,
+    get_extension: no_extension,
+};
 
-static TABLE: HostTable =
-    HostTable { struct_size: size_of::<HostTable>(), log: write_log, metric: keep_metric };
+static WITHOUT_METRICS: HostTable = HostTable { metric: drop_metric, ..TABLE };
 
 /// What a plugin reported under one name since the last [`drain_metrics`].
 #[derive(Clone, Serialize, Deserialize)]
@@ -113,6 +117,11 @@ unsafe extern "C" fn keep_metric(name: Text, value: f64) {
 }
 
 unsafe extern "C" fn drop_metric(_name: Text, _value: f64) {}
+
+/// A plugin of a later minor version may ask for what this host does not have.
+unsafe extern "C" fn no_extension(_host: *const HostTable, _name: Text) -> *const c_void {
+    std::ptr::null()
+}
 
 /// Allocates only at the first sight of a name.
 fn add(metrics: &mut Vec<Metric>, scope: &str, name: &str, value: f64) {
