@@ -98,22 +98,30 @@ impl std::error::Error for Error {}
 ///
 /// # Errors
 /// [`ErrorKind::InvalidArgument`], naming both lengths.
+#[inline]
 pub fn check_length(what: &str, slice: &[f32], expected: usize) -> Result<()> {
-    if slice.len() == expected {
-        Ok(())
-    } else {
-        Err(Error::invalid_argument(format!("{what} has {} values, expected {expected}", slice.len())))
-    }
+    if slice.len() == expected { Ok(()) } else { Err(wrong_length(what, slice.len(), expected)) }
+}
+
+#[cold]
+fn wrong_length(what: &str, length: usize, expected: usize) -> Error {
+    Error::invalid_argument(format!("{what} has {length} values, expected {expected}"))
 }
 
 /// Refuses a slice of the wrong length or with a value that is NaN or infinite. `what` names the argument.
 ///
 /// # Errors
 /// [`ErrorKind::InvalidArgument`], naming the length or the first offending value.
+#[inline]
 pub fn check_finite(what: &str, slice: &[f32], expected: usize) -> Result<()> {
     check_length(what, slice, expected)?;
     match slice.iter().position(|value| !value.is_finite()) {
         None => Ok(()),
-        Some(index) => Err(Error::invalid_argument(format!("{what}[{index}] is {}", slice[index]))),
+        Some(index) => Err(not_finite(what, index, slice[index])),
     }
+}
+
+#[cold]
+fn not_finite(what: &str, index: usize, value: f32) -> Error {
+    Error::invalid_argument(format!("{what}[{index}] is {value}"))
 }

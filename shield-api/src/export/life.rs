@@ -25,25 +25,30 @@ pub(super) struct Holder<T> {
 thread_local! {
     /// Why the last `create` of this thread failed: there is no instance yet that could keep it.
     static CREATE_ERROR: RefCell<Option<Error>> = const { RefCell::new(None) };
-    /// How deep this thread is inside trampolines, and what the last panic there said.
-    static DEPTH: Cell<u32> = const { Cell::new(0) };
+    /// What the last panic of this thread said, until the trampoline takes it.
     static PANIC: RefCell<Option<String>> = const { RefCell::new(None) };
+    /// Whether this thread has made an instance: then it is the host's, and a panic on it ends in a trampoline.
+    static IS_HOSTS: Cell<bool> = const { Cell::new(false) };
 }
 
-/// Keeps message and place of a panic inside a trampoline instead of printing them.
+/// Keeps message and place of each panic for the trampoline, which reports them; so only those of the plugin's own threads are printed
+/// as well. (And of a thread of the host on which no instance was made: to tell that apart would cost each call as much as all the
+/// rest of the trampoline.)
 fn install_panic_hook() {
     static ONCE: Once = Once::new();
     ONCE.call_once(|| {
         let previous = std::panic::take_hook();
         std::panic::set_hook(Box::new(move |info| {
-            if DEPTH.get() == 0 {
-                return previous(info);
-            }
             let place = info.location().map(|place| format!(" ({}:{})", place.file(), place.line()));
             let message = format!("{}{}", payload_text(info.payload()), place.unwrap_or_default());
-            PANIC.with_borrow_mut(|kept| *kept = Some(message));
+            // A thread that is ending keeps nothing.
+            let is_kept = PANIC.try_with(|kept| *kept.borrow_mut() = Some(message)).is_ok();
+            if !is_kept || !IS_HOSTS.get() {
+                previous(info);
+            }
         }));
     });
+    IS_HOSTS.set(true);
 }
 
 fn payload_text(payload: &dyn Any) -> &str {
@@ -55,16 +60,17 @@ fn payload_text(payload: &dyn Any) -> &str {
 }
 
 /// Runs `body`; a panic becomes an error.
+#[inline]
 fn contained<R>(body: impl FnOnce() -> Result<R>) -> Result<R> {
-    DEPTH.set(DEPTH.get() + 1);
-    let outcome = catch_unwind(AssertUnwindSafe(body));
-    DEPTH.set(DEPTH.get() - 1);
-    outcome.unwrap_or_else(|payload| {
-        let message = PANIC.take().unwrap_or_else(|| payload_text(&*payload).to_string());
-        // Dropping a payload may panic in turn.
-        std::mem::forget(payload);
-        Err(Error::new(ErrorKind::Panicked, message))
-    })
+    catch_unwind(AssertUnwindSafe(body)).unwrap_or_else(|payload| Err(panicked(payload)))
+}
+
+#[cold]
+fn panicked(payload: Box<dyn Any + Send>) -> Error {
+    let message = PANIC.take().unwrap_or_else(|| payload_text(&*payload).to_string());
+    // Dropping a payload may panic in turn.
+    std::mem::forget(payload);
+    Error::new(ErrorKind::Panicked, message)
 }
 
 fn code(error: &Error) -> i32 {
@@ -81,6 +87,7 @@ fn code(error: &Error) -> i32 {
 ///
 /// # Safety
 /// `instance` is null or came from [`create`] for the same `T`, and no other call is using it.
+#[inline]
 pub(super) unsafe fn call<T>(
     instance: *mut Instance,
     body: impl FnOnce(&mut Holder<T>) -> Result<()>,
@@ -94,13 +101,24 @@ pub(super) unsafe fn call<T>(
     }
     match contained(|| body(holder)) {
         Ok(()) => status::OK,
-        Err(error) => {
-            let code = code(&error);
-            holder.has_panicked = error.kind() == ErrorKind::Panicked;
-            holder.error = Some(error);
-            code
-        }
+        Err(error) => holder.keep(error),
     }
+}
+
+impl<T> Holder<T> {
+    /// Keeps the error for `last_error`; gives its status.
+    #[cold]
+    fn keep(&mut self, error: Error) -> i32 {
+        let code = code(&error);
+        self.has_panicked = error.kind() == ErrorKind::Panicked;
+        self.error = Some(error);
+        code
+    }
+}
+
+#[cold]
+fn null_pointer(what: &str) -> Error {
+    Error::invalid_argument(format!("{what} is a null pointer"))
 }
 
 /// A pointer that must not be null, as a mutable reference.
@@ -109,7 +127,7 @@ pub(super) unsafe fn call<T>(
 /// If not null, `pointer` is valid for reads and writes during the call and not used elsewhere.
 pub(super) unsafe fn required<'a, T>(pointer: *mut T, what: &str) -> Result<&'a mut T> {
     // SAFETY: the caller's promise.
-    unsafe { pointer.as_mut() }.ok_or_else(|| Error::invalid_argument(format!("{what} is a null pointer")))
+    unsafe { pointer.as_mut() }.ok_or_else(|| null_pointer(what))
 }
 
 /// A caller's buffer as a slice.
@@ -118,7 +136,7 @@ pub(super) unsafe fn required<'a, T>(pointer: *mut T, what: &str) -> Result<&'a 
 /// If not null, `pointer` is valid for writing `length` values during the call and not used elsewhere.
 pub(super) unsafe fn buffer<'a, T>(pointer: *mut T, length: usize, what: &str) -> Result<&'a mut [T]> {
     if pointer.is_null() {
-        return Err(Error::invalid_argument(format!("{what} is a null pointer")));
+        return Err(null_pointer(what));
     }
     // SAFETY: the caller's promise.
     Ok(unsafe { std::slice::from_raw_parts_mut(pointer, length) })

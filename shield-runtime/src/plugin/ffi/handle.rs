@@ -70,17 +70,21 @@ impl Handle {
     }
 
     /// Calls a function of the instance's table, unless a panic has taken the instance out of service.
+    #[inline]
     pub(super) fn call(&self, function: impl FnOnce(*mut Instance) -> Status) -> Result<()> {
         if let Some(panic) = self.panic.get() {
-            return Err(self.error(
-                ErrorKind::Panicked,
-                format!("is out of service since it panicked: {panic}; make a new instance"),
-            ));
+            return Err(self.out_of_service(panic));
         }
         match function(self.instance) {
             status::OK => Ok(()),
             code => Err(self.failure(code)),
         }
+    }
+
+    #[cold]
+    fn out_of_service(&self, panic: &str) -> Error {
+        let message = format!("is out of service since it panicked: {panic}; make a new instance");
+        self.error(ErrorKind::Panicked, message)
     }
 
     #[cold]
@@ -109,18 +113,31 @@ impl Handle {
     }
 
     /// Refuses an argument of the wrong length before the plugin sees it.
+    #[inline]
     pub(super) fn require_length(&self, what: &str, slice: &[f32], expected: usize) -> Result<()> {
-        check_length(what, slice, expected).map_err(|error| self.error(error.kind(), error.message()))
+        check_length(what, slice, expected).map_err(|error| self.named(&error))
+    }
+
+    /// The same error, naming the plugin.
+    #[cold]
+    fn named(&self, error: &Error) -> Error {
+        self.error(error.kind(), error.message())
     }
 
     /// Refuses an output with a value that is NaN or infinite.
+    #[inline]
     pub(super) fn require_finite(&self, function: &str, what: &str, values: &[f32]) -> Result<()> {
         // Without an early exit, so that the compiler can look at many values at once.
         if values.iter().fold(true, |is_finite, value| is_finite & value.is_finite()) {
             return Ok(());
         }
+        Err(self.not_finite(function, what, values))
+    }
+
+    #[cold]
+    fn not_finite(&self, function: &str, what: &str, values: &[f32]) -> Error {
         let index = values.iter().position(|value| !value.is_finite()).unwrap_or(0);
-        Err(self.broken(format!("`{function}` gave {} for {what}[{index}]", values[index])))
+        self.broken(format!("`{function}` gave {} for {what}[{index}]", values[index]))
     }
 
     pub(super) fn save(&self, bytes: &mut Vec<u8>) -> Result<()> {
