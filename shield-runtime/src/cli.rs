@@ -48,6 +48,7 @@ Examples:
   shield env bench mujoco/cliff-cheetah                    how fast an environment steps
   shield plugin info ddpg                                  its configuration, to copy from
   shield plugin new acme/my-rule --kind abort-rule         a plugin of your own, ready to build
+  shield plugin bench target/release/libmy_rule.so         what each of its calls costs
 
 Exit codes: 0 done, 1 a run failed, 2 the input is wrong, 130 stopped by Ctrl-C.";
 
@@ -68,7 +69,7 @@ enum Command {
     /// One self-contained page: final table, curves with median and quartiles over the seeds, where the shield aborted, how the variants differ,
     /// and which plugins it was.
     Report(report::ReportArguments),
-    /// Finds, shows, makes and pins plugins.
+    /// Finds, shows, makes, checks, measures and pins plugins.
     #[command(subcommand)]
     Plugin(plugin::PluginCommand),
     /// Lists, checks and measures environments.

@@ -12,6 +12,7 @@ pub mod film;
 pub mod joint_loop;
 pub mod observer;
 pub mod plugin;
+pub mod plugin_bench;
 pub mod plugin_check;
 pub mod report;
 pub mod run;

@@ -8,9 +8,10 @@ mod probe;
 use shield_api::{AbortRule, Checkpoint, Learner, Policy, ResetTask};
 
 pub use candidate::Candidate;
+pub(crate) use draw::{Draw, DrawnBatch};
 use probe::{Finding, Probe};
 
-use crate::{environment_check, plugin::Kind};
+use crate::{environment_check, plugin::Kind, plugin_bench};
 
 /// A check of plugins of one kind.
 #[derive(Clone, Copy)]
@@ -140,7 +141,7 @@ impl Check {
                     make: &make,
                     is_deterministic: candidate.manifest.deterministic,
                     seed: candidate.seed,
-                    allocations: None,
+                    allocations: plugin_bench::counter(),
                 })
             }
             Run::Probe(question) => probed(candidate, question),

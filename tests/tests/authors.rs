@@ -100,6 +100,41 @@ fn a_plugin_is_shown_with_its_fields_and_an_example() {
     }
 }
 
+/// The kept library stands for a stranger's.
+#[test]
+#[cfg(all(target_os = "linux", target_env = "gnu", target_arch = "x86_64"))]
+fn the_cost_of_each_call_is_shown_with_its_allocations() {
+    let library = workspace().join("tests/fixtures/kept/1.0.0/libkept.so");
+    let library = library.to_str().unwrap();
+    let measured = succeed(shield().args(["plugin", "bench", library, "--seconds", "0.01", "--json"]));
+    let rows: Vec<serde_json::Value> = serde_json::from_str(&measured).unwrap();
+    let calls: Vec<&str> = rows.iter().map(|row| row["call"].as_str().unwrap()).collect();
+    let of_rule = ["create", "evaluate", "linearise", "observe", "save", "load"];
+    let of_environment = ["create", "reset", "step", "save", "load"];
+    let mut expected = [&of_rule[..], &of_environment[..]];
+    if rows[0]["plugin"] == "kept/corridor" {
+        expected.reverse();
+    }
+    assert_eq!(calls, expected.concat());
+    for row in &rows {
+        let [p50, p99] = ["p50_ns", "p99_ns"].map(|key| row[key].as_f64().unwrap());
+        assert!(p50 > 0.0 && p50 <= p99 && row["calls"].as_u64().unwrap() >= 3, "{row}");
+        // Its source makes a vector for each row, and saves into one.
+        let allocates = ["create", "linearise", "save"].contains(&row["call"].as_str().unwrap());
+        assert_eq!(row["allocations"].as_f64().unwrap() > 0.0, allocates, "{row}");
+    }
+    let table = succeed(shield().args(["plugin", "bench", "tabular-q", "--seconds", "0.01"]));
+    for part in ["P50", "P99", "ALLOCATIONS", "q_values", "update"] {
+        assert!(table.contains(part), "{part:?} is missing in: {table}");
+    }
+    let nowhere = tempfile::tempdir().unwrap();
+    refused(
+        nowhere.path(),
+        &["plugin", "bench", "tabular-q", "--seconds", "NaN"],
+        &["--seconds NaN is no time"],
+    );
+}
+
 /// A folder with copies of the plugins that the gridworld needs, and the experiment.
 fn own_plugins() -> (tempfile::TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();

@@ -87,6 +87,8 @@ fn planted_defects_of_environments_are_found() {
         ("REFUSES_TOO_LATE", "bad-actions", "changed the state"),
         ("SHARES_STATE", "instances", "something else than alone"),
         ("CHANGES_WHEN_LOADING", "foreign-state", "changed the state"),
+        #[cfg(all(target_os = "linux", target_env = "gnu"))]
+        ("ALLOCATES", "allocations", "allocations in"),
     ] {
         finds(1, defect, check, expected);
     }

@@ -1,5 +1,7 @@
-//! `shield plugin …`: finding, reading, making, checking and pinning plugins. Only `check` executes one, and never in its own process.
+//! `shield plugin …`: finding, reading, making, checking, measuring and pinning plugins. Only `check` and `bench` execute one, `check` never in its own
+//! process.
 
+mod bench;
 mod check;
 mod info;
 mod list;
@@ -22,6 +24,8 @@ pub enum PluginCommand {
     Info(info::InfoArguments),
     /// Asks a plugin everything that a host relies on: each check in a process of its own, with a time limit.
     Check(check::CheckArguments),
+    /// Measures what each call of a plugin costs: time and allocations.
+    Bench(bench::BenchArguments),
     /// Makes the folder of a new plugin that builds, passes its checks and runs in an example experiment.
     New(new::NewArguments),
     /// Pins every plugin of an experiment to the file that is found now, by its SHA-256.
@@ -36,6 +40,7 @@ pub fn run(command: &PluginCommand, registry: &Registry) -> Result<(), Failure> 
         PluginCommand::List => list(registry, None),
         PluginCommand::Info(arguments) => return info::info(arguments, registry),
         PluginCommand::Check(arguments) => return check::check(arguments, registry),
+        PluginCommand::Bench(arguments) => return bench::bench(arguments, registry),
         PluginCommand::New(arguments) => return new::new(arguments),
         PluginCommand::Lock(arguments) => return lock::lock(arguments, registry),
     }

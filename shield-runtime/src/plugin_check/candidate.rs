@@ -45,34 +45,34 @@ fn spaces_to_try() -> [Spaces; 3] {
 type Made<T> = Result<Box<T>, String>;
 
 impl Candidate<'_> {
-    pub(super) fn environment(&self) -> Made<dyn Environment> {
+    pub(crate) fn environment(&self) -> Made<dyn Environment> {
         let setup = Setup::new(self.seed, 1, host());
         let made = self.registry.environment(&self.selection, &self.config, &setup);
         made.map(|made| Box::new(made) as _).map_err(|error| error.to_string())
     }
 
-    pub(super) fn learner(&self, spaces: &Spaces, seed: u64, threads: usize) -> Made<dyn Learner> {
+    pub(crate) fn learner(&self, spaces: &Spaces, seed: u64, threads: usize) -> Made<dyn Learner> {
         let made = self.registry.learner(&self.selection, &self.config, &setup(spaces, seed, threads));
         made.map(|made| Box::new(made) as _).map_err(|error| error.to_string())
     }
 
-    pub(super) fn policy(&self, spaces: &Spaces, seed: u64, threads: usize) -> Made<dyn Policy> {
+    pub(crate) fn policy(&self, spaces: &Spaces, seed: u64, threads: usize) -> Made<dyn Policy> {
         let made = self.registry.policy(&self.selection, &self.config, &setup(spaces, seed, threads));
         made.map(|made| Box::new(made) as _).map_err(|error| error.to_string())
     }
 
-    pub(super) fn abort_rule(&self, spaces: &Spaces, seed: u64, threads: usize) -> Made<dyn AbortRule> {
+    pub(crate) fn abort_rule(&self, spaces: &Spaces, seed: u64, threads: usize) -> Made<dyn AbortRule> {
         let made = self.registry.abort_rule(&self.selection, &self.config, &setup(spaces, seed, threads));
         made.map(|made| Box::new(made) as _).map_err(|error| error.to_string())
     }
 
-    pub(super) fn reset_task(&self, spaces: &Spaces, seed: u64, threads: usize) -> Made<dyn ResetTask> {
+    pub(crate) fn reset_task(&self, spaces: &Spaces, seed: u64, threads: usize) -> Made<dyn ResetTask> {
         let made = self.registry.reset_task(&self.selection, &self.config, &setup(spaces, seed, threads));
         made.map(|made| Box::new(made) as _).map_err(|error| error.to_string())
     }
 
     /// The first spaces that the plugin accepts.
-    pub(super) fn spaces(&self) -> Result<Spaces, String> {
+    pub(crate) fn spaces(&self) -> Result<Spaces, String> {
         // The first are the usual ones, so that their refusal says most.
         let mut refusals = Vec::new();
         for spaces in spaces_to_try() {
