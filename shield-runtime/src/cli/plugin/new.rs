@@ -100,7 +100,8 @@ pub fn new(arguments: &NewArguments) -> Result<(), Failure> {
     let build = if arguments.language == Language::Rust { "cargo build --release" } else { "make" };
     let library = library(arguments.language, name);
     println!("Made {}. Next:", folder.display());
-    println!("  cd {} && {build}\n  shield plugin info {library}", folder.display());
+    println!("  cd {} && {build}", folder.display());
+    println!("  shield plugin check {library}\n  shield run experiment.ron");
     Ok(())
 }
 
