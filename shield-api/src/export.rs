@@ -4,10 +4,12 @@
 //! returns a status. A panic never crosses the line: its message and place are kept, and the instance refuses every
 //! further call.
 
+mod environment;
 mod kinds;
 mod life;
 
-pub use kinds::{abort_rule, environment, learner, policy, reset_task};
+pub use environment::environment;
+pub use kinds::{abort_rule, learner, policy, reset_task};
 
 /// Names of the kinds as the manifest writes them.
 #[doc(hidden)]

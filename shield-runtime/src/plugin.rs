@@ -8,6 +8,7 @@
 //! - `ffi` holds the wrappers: they implement the traits of `shield_api` and let nothing through that is not a number.
 //! - `isolated` does the same for plugins in a process of their own.
 
+mod entry;
 mod error;
 mod ffi;
 pub mod isolated;
@@ -17,6 +18,7 @@ mod registry;
 mod search_path;
 mod trust;
 
+pub use entry::{Entry, Identity, Selection, Skipped};
 pub use error::PluginError;
 pub use ffi::{
     LoadedAbortRule, LoadedEnvironment, LoadedLearner, LoadedPolicy, LoadedResetTask, clear_metrics,
@@ -25,7 +27,7 @@ pub use ffi::{
 pub(crate) use ffi::{Metric, restore_metrics, save_metrics};
 pub use library::Library;
 pub use manifest::read_manifests;
-pub use registry::{Entry, Identity, Registry, Selection, Skipped};
+pub use registry::Registry;
 pub use search_path::SearchPath;
 pub use trust::fingerprint;
 

@@ -127,6 +127,10 @@ fn the_cost_of_each_call_is_shown_with_its_allocations() {
     for part in ["P50", "P99", "ALLOCATIONS", "q_values", "update"] {
         assert!(table.contains(part), "{part:?} is missing in: {table}");
     }
+    // It has no numbers to learn from: the spaces that are asked for are those that it is given.
+    let numbers = shield().args(["plugin", "bench", "tabular-q", "--observation", "3"]).output().unwrap();
+    assert_eq!(numbers.status.code(), Some(1), "{}", text(&numbers.stdout));
+    assert!(text(&numbers.stderr).contains("error: tabular-q: "), "{}", text(&numbers.stderr));
     let nowhere = tempfile::tempdir().unwrap();
     refused(
         nowhere.path(),
