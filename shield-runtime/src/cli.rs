@@ -13,7 +13,10 @@ mod session;
 mod table;
 mod what_if;
 
-use std::{fmt, process::ExitCode};
+use std::{
+    fmt, panic,
+    process::{self, ExitCode},
+};
 
 use clap::{Parser, Subcommand};
 use shield_runtime::{
@@ -120,9 +123,22 @@ impl From<&Failure> for ExitCode {
     }
 }
 
+/// Whoever reads the output, such as `head`, may have seen enough: `println!` panics then, but it is no fault.
+fn end_quietly_when_nobody_reads() {
+    let previous = panic::take_hook();
+    panic::set_hook(Box::new(move |info| {
+        let message = info.payload_as_str().unwrap_or_default();
+        if message.starts_with("failed printing to stdout: Broken pipe") {
+            process::exit(0);
+        }
+        previous(info);
+    }));
+}
+
 /// Reads the arguments and does what they say.
 pub fn main() -> ExitCode {
     let arguments = Arguments::parse();
+    end_quietly_when_nobody_reads();
     if matches!(arguments.command, Command::Worker) {
         return worker();
     }

@@ -187,6 +187,16 @@ fn an_earlier_run_is_overwritten_only_when_told_to() {
 }
 
 #[test]
+fn a_reader_that_has_seen_enough_is_no_fault() {
+    let mut list = shield();
+    list.args(["plugin", "list"]).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let mut child = list.spawn().unwrap();
+    drop(child.stdout.take());
+    let output = child.wait_with_output().unwrap();
+    assert!(output.status.success() && output.stderr.is_empty(), "{}", text(&output.stderr));
+}
+
+#[test]
 fn a_folder_that_cannot_be_written_fails_the_run() {
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("runs"), "a file, not a folder").unwrap();
