@@ -26,6 +26,8 @@
 #define SHIELD_EXTENSION_COSTS "shield.environment.costs/1"
 // Extension of an environment: `RenderTable`.
 #define SHIELD_EXTENSION_RENDER "shield.environment.render/1"
+// Extension of a learner: `WeightsTable`.
+#define SHIELD_EXTENSION_WEIGHTS "shield.learner.weights/1"
 
 // The statuses. A number that is not listed counts as `FAILED`(status::FAILED).
 // The call did what it should.
@@ -273,6 +275,16 @@ typedef struct ShieldCostsTable {
   // Stores the index of the kind that a hard reset from the present state would be.
   int32_t (*present)(ShieldInstance *instance, size_t *index);
 } ShieldCostsTable;
+
+// Extension of learners: what they learned, for other programs. Either may answer `UNSUPPORTED`.
+typedef struct ShieldWeightsTable {
+  // Size of this struct in bytes.
+  size_t struct_size;
+  // Writes the weights, a file in the format safetensors.
+  int32_t (*weights)(ShieldInstance *instance, const struct ShieldWriter *writer);
+  // Writes the greedy policy, a model in ONNX: one observation in, one action in the units of its space out.
+  int32_t (*policy)(ShieldInstance *instance, const struct ShieldWriter *writer);
+} ShieldWeightsTable;
 
 // Extension of environments: pictures of the present state.
 typedef struct ShieldRenderTable {

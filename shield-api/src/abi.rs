@@ -25,6 +25,8 @@ pub const EXTENSION_STARTS: &str = "shield.environment.starts/1";
 pub const EXTENSION_COSTS: &str = "shield.environment.costs/1";
 /// Extension of an environment: [`RenderTable`].
 pub const EXTENSION_RENDER: &str = "shield.environment.render/1";
+/// Extension of a learner: [`WeightsTable`].
+pub const EXTENSION_WEIGHTS: &str = "shield.learner.weights/1";
 
 /// What a call returns: one of the constants in [`status`].
 pub type Status = i32;
@@ -340,6 +342,18 @@ pub struct CostsTable {
     ) -> usize,
     /// Stores the index of the kind that a hard reset from the present state would be.
     pub present: unsafe extern "C" fn(instance: *mut Instance, index: *mut usize) -> i32,
+}
+
+/// Extension of learners: what they learned, for other programs. Either may answer `UNSUPPORTED`.
+#[repr(C)]
+#[derive(Debug, StableAbi)]
+pub struct WeightsTable {
+    /// Size of this struct in bytes.
+    pub struct_size: usize,
+    /// Writes the weights, a file in the format safetensors.
+    pub weights: unsafe extern "C" fn(instance: *mut Instance, writer: *const Writer) -> i32,
+    /// Writes the greedy policy, a model in ONNX: one observation in, one action in the units of its space out.
+    pub policy: unsafe extern "C" fn(instance: *mut Instance, writer: *const Writer) -> i32,
 }
 
 /// Extension of environments: pictures of the present state.

@@ -7,6 +7,7 @@
 mod environment;
 mod kinds;
 mod life;
+mod weights;
 
 pub use environment::environment;
 pub use kinds::{abort_rule, learner, policy, reset_task};

@@ -141,6 +141,25 @@ pub trait Learner: Checkpoint {
         Err(Error::unsupported("the gradient of Q with respect to the action"))
     }
 
+    /// Appends the weights, a file in the format [safetensors](https://github.com/huggingface/safetensors).
+    ///
+    /// # Errors
+    /// [`ErrorKind::Unsupported`](crate::ErrorKind::Unsupported) by default.
+    fn weights(&self, bytes: &mut Vec<u8>) -> Result<()> {
+        let _ = bytes;
+        Err(Error::unsupported("writing its weights"))
+    }
+
+    /// Appends the greedy policy as a model in [ONNX](https://onnx.ai): one input, a row that is an observation; one output, a row that is an action in
+    /// the units of its space, or for discrete actions one value of each.
+    ///
+    /// # Errors
+    /// [`ErrorKind::Unsupported`](crate::ErrorKind::Unsupported) by default.
+    fn onnx(&self, bytes: &mut Vec<u8>) -> Result<()> {
+        let _ = bytes;
+        Err(Error::unsupported("writing its policy as ONNX"))
+    }
+
     /// Improves the agent by one step on `batch`.
     ///
     /// # Errors

@@ -3,6 +3,7 @@
 mod env;
 mod eval;
 mod explain;
+mod export;
 mod plugin;
 mod progress;
 mod render;
@@ -45,6 +46,7 @@ Examples:
   shield what-if runs/mine/shielded/seed-0 --q-min 5,10    what another threshold would have rejected
   shield eval runs/quickstart --episodes 100 --shielded    how good the agents are, behind the shield
   shield report runs/quickstart --png pictures             a page with figures, and these as files
+  shield export runs/mine/shielded/seed-0                  weights and policies for other programs
   shield plugin list                                       what can be named in an experiment
   shield render examples/gridworld.ron --out grid.gif --train-steps 2000
   shield env check mujoco/cliff-cheetah                    what must hold of every environment
@@ -72,6 +74,8 @@ enum Command {
     /// One self-contained page: final table, curves with median and quartiles over the seeds, where the shield aborted, how the variants differ,
     /// and which plugins it was.
     Report(report::ReportArguments),
+    /// Writes what the agents of a run learned for other programs: weights as safetensors, policies as ONNX.
+    Export(export::ExportArguments),
     /// Finds, shows, makes, checks, measures and pins plugins.
     #[command(subcommand)]
     Plugin(plugin::PluginCommand),
@@ -150,6 +154,7 @@ pub fn main() -> ExitCode {
         Command::WhatIf(arguments) => what_if::what_if(arguments, &registry),
         Command::Eval(arguments) => eval::run(arguments, &registry),
         Command::Report(arguments) => report::report(arguments, &registry),
+        Command::Export(arguments) => export::export(arguments, &registry),
         Command::Plugin(command) => plugin::run(command, &registry),
         Command::Env(command) => env::run(command, &registry),
         Command::Render(arguments) => render::render(arguments, &registry),

@@ -16,6 +16,7 @@ mod loss;
 mod member;
 mod noise;
 mod normaliser;
+mod onnx;
 mod pass;
 mod real;
 mod tensors;

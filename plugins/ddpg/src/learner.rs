@@ -29,6 +29,15 @@ impl Learner for Ddpg {
         self.agent.value(observation, action, values, Some(gradients)).map_err(plugin_error)
     }
 
+    fn weights(&self, bytes: &mut Vec<u8>) -> Result<()> {
+        self.agent.write_weights(bytes).map_err(plugin_error)
+    }
+
+    fn onnx(&self, bytes: &mut Vec<u8>) -> Result<()> {
+        self.agent.write_onnx(bytes);
+        Ok(())
+    }
+
     fn update(&mut self, batch: &Batch<'_>) -> Result<()> {
         check_finite("actions", batch.actions, batch.size * self.agent.action_len())?;
         check_batch(batch, self.agent.observation_len(), self.config.critics)?;

@@ -1,6 +1,6 @@
 //! Acting, valuing and learning.
 
-use actor_critic::{CriticStep, Normaliser, check_finite_output};
+use actor_critic::{CriticStep, Normaliser, check_finite_output, write_tensors};
 use learner_kit::{check_batch, plugin_error};
 use rand::RngExt;
 use shield_api::{ActMode, Batch, Learner, LearnerInfo, Result, check_finite, check_length};
@@ -38,6 +38,12 @@ impl Learner for Ddqn {
             *value = answer[action];
         }
         check_finite_output("the values", values).map_err(plugin_error)
+    }
+
+    fn weights(&self, bytes: &mut Vec<u8>) -> Result<()> {
+        let mut tensors = self.networks.tensors("values", false);
+        tensors.extend(self.normaliser.iter().flat_map(|normaliser| normaliser.tensors()));
+        write_tensors(&tensors, bytes).map_err(plugin_error)
     }
 
     fn update(&mut self, batch: &Batch<'_>) -> Result<()> {

@@ -1,11 +1,12 @@
 //! The tables of every kind but the environment, filled for a type that implements the kind's trait.
 
 use super::life::{self, buffer, call, required};
+use super::weights::learner_extension;
 use crate::{
     AbortRule, ActMode, Batch, Error, Learner, ObservedDecision, Phase, Plugin, Policy, Reason, ResetTask,
     Result, Rows, RuleContext, Verdict,
     abi::{
-        AbortRuleTable, BatchView, Floats, Instance, LearnerInfoView, LearnerTable, ObservedDecisionView,
+        AbortRuleTable, BatchView, Floats, Instance, LearnerInfoView, LearnerTable, LifeTable, ObservedDecisionView,
         PluginDescriptor, PolicyTable, ResetSignalView, ResetTaskTable, RowSink, RuleContextView, Text,
         VerdictView, act_mode, kind, need, phase, status, verdict,
     },
@@ -30,7 +31,7 @@ pub const fn learner<T: Learner + Plugin>(manifest: &'static [u8]) -> PluginDesc
     let table = const {
         &LearnerTable {
             struct_size: size_of::<LearnerTable>(),
-            life: life::table::<T>(),
+            life: LifeTable { get_extension: learner_extension::<T>, ..life::table::<T>() },
             info: info::<T>,
             act: learner_act::<T>,
             q_values: q_values::<T>,

@@ -245,17 +245,26 @@ unsafe extern "C" fn save<T: Checkpoint>(instance: *mut Instance, writer: *const
     // SAFETY: the host's promise in `LifeTable`.
     unsafe {
         call::<T>(instance, |holder| {
-            let writer = required(writer.cast_mut(), "the writer")?;
             let mut bytes = Vec::new();
             holder.value.save(&mut bytes)?;
-            // SAFETY: the function is the host's and is given its own context; the bytes live for the call.
-            match (writer.write)(writer.context, bytes.as_ptr(), bytes.len()) {
-                status::OK => Ok(()),
-                code => {
-                    Err(Error::failed(format!("the host could not take the saved state (status {code})")))
-                }
-            }
+            hand_over(writer, &bytes, "the saved state")
         })
+    }
+}
+
+/// Gives bytes to the host.
+///
+/// # Safety
+/// `writer` is null or the host's, valid during the call.
+pub(super) unsafe fn hand_over(writer: *const Writer, bytes: &[u8], what: &str) -> Result<()> {
+    // SAFETY: the caller's promise; the function is the host's and is given its own context; the bytes live for the call.
+    let code = unsafe {
+        let writer = required(writer.cast_mut(), "the writer")?;
+        (writer.write)(writer.context, bytes.as_ptr(), bytes.len())
+    };
+    match code {
+        status::OK => Ok(()),
+        code => Err(Error::failed(format!("the host could not take {what} (status {code})"))),
     }
 }
 

@@ -149,6 +149,14 @@ impl Learner for SharedLearner {
         lock(&self.0).q_gradients(observation, action, values, gradients)
     }
 
+    fn weights(&self, bytes: &mut Vec<u8>) -> Result<()> {
+        lock(&self.0).weights(bytes)
+    }
+
+    fn onnx(&self, bytes: &mut Vec<u8>) -> Result<()> {
+        lock(&self.0).onnx(bytes)
+    }
+
     fn update(&mut self, batch: &Batch<'_>) -> Result<()> {
         lock(&self.0).update(batch)
     }

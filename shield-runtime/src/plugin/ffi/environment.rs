@@ -8,11 +8,8 @@ use shield_api::{
     },
 };
 
-use super::handle::{Handle, checkpoint, described_wrongly, while_creating};
-use crate::plugin::{
-    PluginError,
-    library::{FunctionTable, function_table},
-};
+use super::handle::{Handle, checkpoint, described_wrongly, extension, while_creating};
+use crate::plugin::PluginError;
 
 /// No environment has more named starts or kinds of hard resets; a plugin that never stops naming them is stopped here.
 const MOST_NAMES: usize = 10_000;
@@ -48,9 +45,9 @@ impl LoadedEnvironment {
         // SAFETY: under each name a plugin gives the table of that name.
         let (starts_table, costs_table, render_table) = unsafe {
             (
-                extension::<StartsTable>(id, table, EXTENSION_STARTS)?,
-                extension::<CostsTable>(id, table, EXTENSION_COSTS)?,
-                extension::<RenderTable>(id, table, EXTENSION_RENDER)?,
+                extension::<StartsTable>(id, &table.life, EXTENSION_STARTS)?,
+                extension::<CostsTable>(id, &table.life, EXTENSION_COSTS)?,
+                extension::<RenderTable>(id, &table.life, EXTENSION_RENDER)?,
             )
         };
         let starts = match starts_table {
@@ -177,25 +174,6 @@ impl Environment for LoadedEnvironment {
             (table.render)(instance, size[0], size[1], shades, pixels.as_mut_ptr(), pixels.len())
         })
     }
-}
-
-/// The environment's extension of this name; `None` if it has none.
-///
-/// # Safety
-/// Under this name a plugin gives a `T`, a constant of its library.
-unsafe fn extension<T: FunctionTable>(
-    id: &str,
-    table: &EnvironmentTable,
-    name: &str,
-) -> Result<Option<&'static T>, PluginError> {
-    // SAFETY: the name lives for the call.
-    let extension = unsafe { (table.life.get_extension)(Text::new(name)) };
-    if extension.is_null() {
-        return Ok(None);
-    }
-    // SAFETY: the caller's promise.
-    let checked = unsafe { function_table::<T>(extension.cast()) };
-    checked.map(Some).map_err(|what| described_wrongly(id, what))
 }
 
 fn read_spec(

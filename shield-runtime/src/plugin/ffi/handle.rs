@@ -13,7 +13,10 @@ use shield_api::{
     check_length,
 };
 
-use crate::plugin::PluginError;
+use crate::plugin::{
+    PluginError,
+    library::{FunctionTable, function_table},
+};
 
 /// Room for a plugin's message at the first attempt, and the most that is ever asked for.
 const MESSAGE_BYTES: usize = 1024;
@@ -31,6 +34,25 @@ pub(super) struct Handle {
 
 // SAFETY: the interface says that an instance may be called by any thread, one at a time. A handle is not `Sync`.
 unsafe impl Send for Handle {}
+
+/// A plugin's extension of this name; `None` if it has none.
+///
+/// # Safety
+/// Under this name a plugin gives a `T`, a constant of its library.
+pub(super) unsafe fn extension<T: FunctionTable>(
+    id: &str,
+    life: &LifeTable,
+    name: &str,
+) -> Result<Option<&'static T>, PluginError> {
+    // SAFETY: the name lives for the call.
+    let extension = unsafe { (life.get_extension)(Text::new(name)) };
+    if extension.is_null() {
+        return Ok(None);
+    }
+    // SAFETY: the caller's promise.
+    let checked = unsafe { function_table::<T>(extension.cast()) };
+    checked.map(Some).map_err(|what| described_wrongly(id, what))
+}
 
 impl Handle {
     /// Makes an instance. The table's functions must be those of one plugin, which `Library::load` has checked.
@@ -141,14 +163,24 @@ impl Handle {
     }
 
     pub(super) fn save(&self, bytes: &mut Vec<u8>) -> Result<()> {
+        // SAFETY: the instance is this handle's.
+        self.written(bytes, |instance, writer| unsafe { (self.life.save)(instance, writer) })
+    }
+
+    /// Appends what a function of the instance's tables writes; nothing if it fails.
+    pub(super) fn written(
+        &self,
+        bytes: &mut Vec<u8>,
+        function: impl FnOnce(*mut Instance, *const Writer) -> Status,
+    ) -> Result<()> {
         let before = bytes.len();
+        // Writer and context live for the call.
         let writer = Writer { context: ptr::from_mut(bytes).cast(), write: append };
-        // SAFETY: the instance is this handle's; the writer and its context live for the call.
-        let saved = self.call(|instance| unsafe { (self.life.save)(instance, &writer) });
-        if saved.is_err() {
+        let written = self.call(|instance| function(instance, &writer));
+        if written.is_err() {
             bytes.truncate(before);
         }
-        saved
+        written
     }
 
     pub(super) fn load(&mut self, bytes: &[u8]) -> Result<()> {

@@ -1,11 +1,13 @@
 //! A loaded learner.
 
 use shield_api::{
-    ActMode, Batch, Learner, LearnerInfo, Result, Setup, Spaces,
-    abi::{BatchView, Floats, LearnerInfoView, LearnerTable, act_mode},
+    ActMode, Batch, ErrorKind, Learner, LearnerInfo, Result, Setup, Spaces,
+    abi::{
+        BatchView, EXTENSION_WEIGHTS, Floats, LearnerInfoView, LearnerTable, WeightsTable, act_mode,
+    },
 };
 
-use super::handle::{Handle, checkpoint, described_wrongly, spaces, while_creating};
+use super::handle::{Handle, checkpoint, described_wrongly, extension, spaces, while_creating};
 use crate::plugin::PluginError;
 
 /// A learner behind the binary interface.
@@ -13,6 +15,7 @@ use crate::plugin::PluginError;
 pub struct LoadedLearner {
     handle: Handle,
     table: &'static LearnerTable,
+    weights_table: Option<&'static WeightsTable>,
     info: LearnerInfo,
     spaces: Spaces,
 }
@@ -41,7 +44,14 @@ impl LoadedLearner {
             return Err(described_wrongly(id, message));
         }
         let info = LearnerInfo { members: view.members as usize, discount: view.discount };
-        Ok(Self { handle, table, info, spaces })
+        // SAFETY: under this name a plugin gives this table.
+        let weights_table = unsafe { extension(id, &table.life, EXTENSION_WEIGHTS)? };
+        Ok(Self { handle, table, weights_table, info, spaces })
+    }
+
+    fn weights_table(&self, what: &str) -> Result<&'static WeightsTable> {
+        self.weights_table
+            .ok_or_else(|| self.handle.error(ErrorKind::Unsupported, format!("{what} is not supported")))
     }
 
     fn check_arguments(&self, observation: &[f32], action: &[f32], values: &[f32]) -> Result<()> {
@@ -107,6 +117,18 @@ impl Learner for LoadedLearner {
         })?;
         self.handle.require_finite("q_gradients", "values", values)?;
         self.handle.require_finite("q_gradients", "gradients", gradients)
+    }
+
+    fn weights(&self, bytes: &mut Vec<u8>) -> Result<()> {
+        let table = self.weights_table("writing its weights")?;
+        // SAFETY: instance and table are of the same plugin.
+        self.handle.written(bytes, |instance, writer| unsafe { (table.weights)(instance, writer) })
+    }
+
+    fn onnx(&self, bytes: &mut Vec<u8>) -> Result<()> {
+        let table = self.weights_table("writing its policy as ONNX")?;
+        // SAFETY: as above.
+        self.handle.written(bytes, |instance, writer| unsafe { (table.policy)(instance, writer) })
     }
 
     fn update(&mut self, batch: &Batch<'_>) -> Result<()> {

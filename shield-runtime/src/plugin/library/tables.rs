@@ -6,7 +6,7 @@ use std::path::Path;
 use shield_api::{
     abi::{
         ABI_MAJOR, AbortRuleTable, CostsTable, EnvironmentTable, LearnerTable, PluginDescriptor,
-        PluginLibrary, PolicyTable, RenderTable, ResetTaskTable, StartsTable,
+        PluginLibrary, PolicyTable, RenderTable, ResetTaskTable, StartsTable, WeightsTable,
     },
     manifest::{Manifest, decode},
 };
@@ -51,6 +51,7 @@ function_tables! {
     StartsTable, "starts": ["name", "reset_to"];
     CostsTable, "costs": ["kind", "present"];
     RenderTable, "render": ["size", "render"];
+    WeightsTable, "weights": ["weights", "policy"];
 }
 
 /// Checks pointer and size of a struct that begins with its own size.
