@@ -87,7 +87,7 @@ mod tests {
         let identity = Identity { experiment: "e".into(), variant: variant.into(), seed: 0 };
         let counters =
             Counters { steps: 100, forward_steps, hard_resets, early_aborts: 5, ..Counters::default() };
-        Summary::new(&identity, &counters, 100)
+        Summary { complete: true, ..Summary::new(&identity, &counters) }
     }
 
     #[test]

@@ -237,7 +237,7 @@ impl Recorder {
             steps_per_second: counters.steps as f64 / seconds,
             decision_us_p50: quantile(0.5),
             decision_us_p99: quantile(0.99),
-            ..Summary::new(&self.identity, counters, budget)
+            ..Summary::new(&self.identity, counters)
         };
         write_whole(&self.folder.path().join("summary.json"), &serde_json::to_vec_pretty(&summary)?)?;
         Ok(summary)

@@ -121,13 +121,13 @@ impl Evaluations {
 }
 
 impl Summary {
-    /// A summary of what was counted; evaluations and times are still empty.
-    pub fn new(identity: &Identity, counters: &Counters, budget: u64) -> Self {
+    /// A summary of what was counted; evaluations and times are still empty, and whether the run is complete its recorder knows.
+    pub fn new(identity: &Identity, counters: &Counters) -> Self {
         Self {
             experiment: identity.experiment.clone(),
             variant: identity.variant.clone(),
             seed: identity.seed,
-            complete: counters.steps >= budget,
+            complete: false,
             error: None,
             steps: counters.steps,
             forward_steps: counters.forward_steps,
