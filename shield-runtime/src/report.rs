@@ -10,7 +10,7 @@ mod statistics;
 
 pub use course::{Course, EvaluationCourse};
 pub use draw::{encode_png, png, svg};
-pub use figures::{Band, Dots, Figure, HeatMap, Lines, Row, figures};
+pub use figures::{Band, Dots, FIGURE_NAMES, Figure, HeatMap, Lines, Row, figures};
 pub use page::page;
 pub use places::Places;
 pub use record::{Record, RunRecord, VariantRecord, natural_order};

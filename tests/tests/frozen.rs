@@ -147,6 +147,6 @@ fn the_places_of_fields_are_counted_as_the_compiler_does() {
         CreateArguments { host }, SpecView { brings_reset_reward }, StepView { flags }, BatchView { masks },
         RuleContextView { phase }, VerdictView { reason_length }, ObservedDecisionView { aborted }, HostTable { get_extension },
         EnvironmentTable { step }, LearnerTable { update }, PolicyTable { act }, AbortRuleTable { observe },
-        ResetTaskTable { observe_start }, PluginDescriptor { reset_task }, PluginLibrary { plugins },
+        ResetTaskTable { observe_start }, WeightsTable { policy }, PluginDescriptor { reset_task }, PluginLibrary { plugins },
     }
 }

@@ -7,6 +7,7 @@ use serde_json::Value;
 use shield_runtime::{
     experiment::ExperimentFile,
     plugin::{Registry, SearchPath},
+    report::FIGURE_NAMES,
     run::{RunFolder, prepare},
 };
 use shield_tests::{gridworld, plugins_folder, shield, workspace};
@@ -56,6 +57,11 @@ fn the_page_holds_everything_and_needs_nothing_else() {
     assert_eq!((places, page.matches("https://").count()), (0, 0), "the page names another place");
     let q_0 = page.find("<td>q-0</td>").unwrap();
     assert!(q_0 < page.find("<td>q-0.4</td>").unwrap(), "variants are in natural order");
+    for entry in fs::read_dir(folder.path().join("png")).unwrap() {
+        let file = entry.unwrap().file_name().into_string().unwrap();
+        let name = file.strip_prefix("a-").unwrap().strip_suffix(".png").unwrap();
+        assert!(FIGURE_NAMES.contains(&name) || name.starts_with("where-"), "{name} cannot be chosen");
+    }
     for name in ["return", "hard-resets", "final-hard-resets", "lifetime-reward", "where-q-0.4"] {
         let png = fs::read(folder.path().join(format!("png/a-{name}.png"))).unwrap();
         assert!(png.starts_with(b"\x89PNG"), "{name}");
@@ -73,6 +79,8 @@ fn a_report_of_a_record_is_that_of_its_runs() {
         ["runs/small/report.html", "again.html"].map(|name| fs::read(folder.path().join(name)).unwrap());
     assert!(first == again);
     let record = record(&folder.path().join("kept.json"));
+    let names = record["variants"].as_array().unwrap().iter().map(|variant| &variant["name"]);
+    assert!(names.eq(["q-0", "q-0.4", "status-quo"]));
     let run = &record["variants"][0]["runs"][0];
     assert_eq!((&run["seed"], &run["summary"]["steps"]), (&0.into(), &1_000.into()));
     let course = &run["course"];
@@ -83,7 +91,7 @@ fn a_report_of_a_record_is_that_of_its_runs() {
 #[test]
 fn variants_and_figures_can_be_chosen() {
     let folder = ran();
-    let chosen = ["--variants", "status-quo,q-0", "--figures", "hard-resets", "--out", "x.html"];
+    let chosen = ["--variants", "status-quo,q-0", "--figures", "hard-resets,success", "--out", "x.html"];
     done(folder.path(), &[&["report", "runs/small"], &chosen[..]].concat());
     let page = fs::read_to_string(folder.path().join("x.html")).unwrap();
     assert!(page.find("<td>status-quo</td>").unwrap() < page.find("<td>q-0</td>").unwrap());
@@ -91,7 +99,7 @@ fn variants_and_figures_can_be_chosen() {
     assert!(page.contains("id=\"hard-resets\"") && !page.contains("id=\"lifetime-reward\""));
     for (arguments, expected) in [
         (["--variants", "q-1"], "there is no variant q-1; there are: q-0, q-0.4, status-quo"),
-        (["--figures", "smoke"], "there is no such figure; there are: return, "),
+        (["--figures", "smoke"], "there is no figure smoke; there are: return, "),
     ] {
         let output = call(folder.path(), &[&["report", "runs/small"], &arguments[..]].concat());
         let message = String::from_utf8_lossy(&output.stderr).into_owned();

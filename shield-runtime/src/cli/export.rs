@@ -65,7 +65,9 @@ fn write(name: &str, learner: &dyn Learner, out: &Path) -> Result<u32> {
                 println!("{}", path.display());
                 count += 1;
             }
-            Err(error) if error.kind() == ErrorKind::Unsupported => eprintln!("no {name}.{extension}: {error}"),
+            Err(error) if error.kind() == ErrorKind::Unsupported => {
+                eprintln!("no {name}.{extension}: {error}")
+            }
             Err(error) => return Err(error.into()),
         }
     }

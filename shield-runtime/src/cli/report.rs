@@ -5,7 +5,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail};
 use base64::{Engine, prelude::BASE64_STANDARD};
 use clap::Args;
 use shield_api::{Environment, Frame};
@@ -13,7 +13,7 @@ use shield_runtime::{
     experiment::ExperimentFile,
     film::{Picture, SharedEnvironment},
     plugin::Registry,
-    report::{Figure, Places, Record, VariantRecord, encode_png, figures, page, png, svg},
+    report::{FIGURE_NAMES, Places, Record, VariantRecord, encode_png, figures, page, png, svg},
     run::{RunFolder, prepare},
 };
 
@@ -125,10 +125,10 @@ fn write(record: &Record, arguments: &ReportArguments, registry: &Registry) -> R
     let mut drawn = drawings(record, registry);
     let mut figures = figures(record);
     if let Some(wanted) = &arguments.figures {
-        let names = figures.iter().map(Figure::name).chain(drawn.iter().map(|drawn| drawn.name.as_str()));
-        let names: Vec<&str> = names.collect();
-        let unknown = wanted.iter().find(|name| !names.contains(&name.as_str()));
-        ensure!(unknown.is_none(), "there is no such figure; there are: {}", names.join(", "));
+        let is_known = |name: &&String| FIGURE_NAMES.contains(&name.as_str()) || name.starts_with("where-");
+        if let Some(unknown) = wanted.iter().find(|name| !is_known(name)) {
+            bail!("there is no figure {unknown}; there are: {}, where-<variant>", FIGURE_NAMES.join(", "));
+        }
         figures.retain(|figure| wanted.iter().any(|name| name == figure.name()));
         drawn.retain(|drawn| wanted.contains(&drawn.name));
     }

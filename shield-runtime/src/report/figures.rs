@@ -99,6 +99,21 @@ impl Figure {
     }
 }
 
+/// Every name that a figure can have, besides `where-` and a variant. A figure with nothing to show is left out.
+pub const FIGURE_NAMES: [&str; 11] = [
+    "return",
+    "success",
+    "training-return",
+    "lifetime-reward",
+    "hard-resets",
+    "irreversible-entries",
+    "aborts",
+    "final-hard-resets",
+    "final-irreversible-entries",
+    "final-return",
+    "steps-to-solve",
+];
+
 /// Fields of a heat map in each direction.
 const FIELDS: usize = 24;
 

@@ -2,9 +2,7 @@
 
 use shield_api::{
     ActMode, Batch, ErrorKind, Learner, LearnerInfo, Result, Setup, Spaces,
-    abi::{
-        BatchView, EXTENSION_WEIGHTS, Floats, LearnerInfoView, LearnerTable, WeightsTable, act_mode,
-    },
+    abi::{BatchView, EXTENSION_WEIGHTS, Floats, LearnerInfoView, LearnerTable, WeightsTable, act_mode},
 };
 
 use super::handle::{Handle, checkpoint, described_wrongly, extension, spaces, while_creating};
