@@ -93,6 +93,9 @@ fn a_learner_that_writes_nothing_is_an_error_that_says_so() {
     let output = call(folder.path(), &["export", "runs/small/default/seed-0"]);
     let message = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_eq!(output.status.code(), Some(2), "{message}");
-    assert!(message.contains("tabular-q") && message.contains("no learner that writes anything"), "{message}");
+    assert!(
+        message.contains("tabular-q") && message.contains("no learner that writes anything"),
+        "{message}"
+    );
     assert!(!folder.path().join("export").exists());
 }

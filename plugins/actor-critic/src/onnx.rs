@@ -166,7 +166,8 @@ impl Agent {
             let [mean, deviation] = normaliser.tensors();
             chain.then("Sub", &[mean]);
             chain.then("Div", &[deviation]);
-            let bound = |name: &str, value| Tensor { name: name.into(), shape: vec![], values: vec![value].into() };
+            let bound =
+                |name: &str, value| Tensor { name: name.into(), shape: vec![], values: vec![value].into() };
             let bounds = [
                 bound("observation.least", -Normaliser::BOUND),
                 bound("observation.largest", Normaliser::BOUND),
