@@ -6,9 +6,9 @@ use crate::{
     AbortRule, ActMode, Batch, Error, Learner, ObservedDecision, Phase, Plugin, Policy, Reason, ResetTask,
     Result, Rows, RuleContext, Verdict,
     abi::{
-        AbortRuleTable, BatchView, Floats, Instance, LearnerInfoView, LearnerTable, LifeTable, ObservedDecisionView,
-        PluginDescriptor, PolicyTable, ResetSignalView, ResetTaskTable, RowSink, RuleContextView, Text,
-        VerdictView, act_mode, kind, need, phase, status, verdict,
+        AbortRuleTable, BatchView, Floats, Instance, LearnerInfoView, LearnerTable, LifeTable,
+        ObservedDecisionView, PluginDescriptor, PolicyTable, ResetSignalView, ResetTaskTable, RowSink,
+        RuleContextView, Text, VerdictView, act_mode, kind, need, phase, status, verdict,
     },
     check_length,
 };
