@@ -4,7 +4,7 @@
 //! written each time: it lies beside the file in segments that only grow, and the checkpoint says how far they count.
 
 mod experience_log;
-mod file;
+pub(crate) mod file;
 mod store;
 
 pub use file::CheckpointError;

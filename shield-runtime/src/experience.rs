@@ -147,6 +147,11 @@ impl Experience {
         })
     }
 
+    /// How many transitions there is room for.
+    pub fn capacity(&self) -> usize {
+        self.capacity
+    }
+
     /// How many transitions are kept.
     pub fn len(&self) -> usize {
         self.shares[0].rewards.len()

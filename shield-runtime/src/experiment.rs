@@ -2,6 +2,7 @@
 
 mod config;
 mod difference;
+mod drop_in;
 mod edit;
 mod error;
 mod overrides;
@@ -26,8 +27,10 @@ pub use config::{
     Updates, WorkerConfig,
 };
 pub use difference::{Difference, differences, first_difference};
+pub use drop_in::{DropInConfig, DropInFile, SpaceConfig, SpacesConfig};
 pub use error::{InputError, Location};
 pub use overrides::Override;
+pub(crate) use variant::Source;
 pub use variant::Variant;
 
 use error::{Fault, did_you_mean};

@@ -17,7 +17,7 @@ use crate::{
     agent::{Agent, ForwardAgent},
     evaluation::Evaluator,
     experience::{AgentRole, AgentShare, Experience, Transition},
-    experiment::{BetweenAttempts, Mode, OnResetFailure, OnResetSuccess, ResetTest, Updates},
+    experiment::{BetweenAttempts, Mode, ResetTest, Updates},
     observer::{Counters, EpisodeEnd, EpisodeRecord, HardReset, Observer, Tally},
     plugin,
     shield::{Attempts, Ladder},
@@ -186,7 +186,7 @@ impl<'a> JointLoop<'a> {
             };
             tally += &outcome;
             self.counters.forward_steps += 1;
-            self.remember(&outcome, true);
+            self.remember(&outcome, false);
             self.learn(AgentRole::Forward)?;
             if let Some(end) = self.step_is_over(&outcome, &tally)? {
                 return Ok(record(AgentRole::Forward, &tally, end, false));
@@ -210,8 +210,7 @@ impl<'a> JointLoop<'a> {
                 ResetTest::FinalState => tally.is_in_reset_set,
             };
             let has_failed = self.is_last(&tally) && !has_reset;
-            let continues = !has_failed || self.settings.endings.on_failure == OnResetFailure::Bootstrap;
-            self.remember(&outcome, continues);
+            self.remember(&outcome, has_failed);
             self.learn(AgentRole::Reset)?;
             let over = self.step_is_over(&outcome, &tally)?;
             let stops = self.settings.stop_on_reset && outcome.in_reset_set && !outcome.terminated;
@@ -250,10 +249,9 @@ impl<'a> JointLoop<'a> {
         record(role, tally, EpisodeEnd::WorkerLost, false)
     }
 
-    /// Stores the step for both agents. `reset_continues` is false at the end of a failed reset episode that counts as final.
-    fn remember(&mut self, outcome: &StepOutcome, reset_continues: bool) {
-        let is_reset_terminal =
-            outcome.in_reset_set && self.settings.endings.on_success == OnResetSuccess::Terminal;
+    /// Stores the step for both agents. `has_failed`: it was the last one of a failed reset episode.
+    fn remember(&mut self, outcome: &StepOutcome, has_failed: bool) {
+        let StepOutcome { in_reset_set, terminated, .. } = *outcome;
         let transition = Transition {
             observation: self.world.observation(),
             action: &self.action,
@@ -261,7 +259,7 @@ impl<'a> JointLoop<'a> {
             forward: Some(AgentShare { reward: outcome.forward_reward, continues: !outcome.terminated }),
             reset: Some(AgentShare {
                 reward: outcome.reset_reward,
-                continues: reset_continues && !outcome.terminated && !is_reset_terminal,
+                continues: self.settings.endings.reset_continues(in_reset_set, terminated, has_failed),
             }),
         };
         self.experience.push(&transition, &mut self.randomness.masks);

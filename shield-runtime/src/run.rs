@@ -4,7 +4,7 @@ mod build;
 mod calibration;
 mod counterfactual;
 mod decisions;
-mod events;
+pub(crate) mod events;
 mod folder;
 mod launch;
 mod recorder;

@@ -16,13 +16,15 @@ mod rows;
 mod rules;
 mod setup;
 pub mod solver;
+mod state;
 
-pub use attempts::Attempts;
+pub use attempts::{Attempts, ResetSettings};
 pub use builder::ShieldBuilder;
 pub use jury::Judgement;
 pub use ladder::{Agents, Ladder, Moment};
 pub use rules::RuleTree;
 pub use setup::LadderSettings;
+pub(crate) use state::ShieldState;
 
 use shield_api::{ActMode, Phase, Spaces};
 
@@ -30,6 +32,7 @@ use crate::{
     agent::Agent,
     decision::{Cause, Decision},
     experience::Experience,
+    experiment::{BetweenAttempts, ResetTest},
 };
 
 /// A shield with its reset agent, for a program that drives the robot itself.
@@ -92,9 +95,9 @@ pub struct Shield {
     ladder: Ladder,
     reset_agent: Agent,
     attempts: Attempts,
-    episode_length: u64,
-    stop_on_reset: bool,
+    settings: ResetSettings,
     explores: bool,
+    exploration_replaced: u64,
     phase: Phase,
     steps: u64,
     /// Steps of the present reset episode, and whether it saw the reset set.
@@ -109,6 +112,31 @@ impl Shield {
     /// Begins to describe a shield for an environment with these spaces, and the agent that undoes.
     pub fn builder(spaces: Spaces, reset_agent: Box<dyn shield_api::Learner>) -> ShieldBuilder {
         ShieldBuilder::new(spaces, reset_agent)
+    }
+
+    /// A shield that decides by `ladder` and undoes by `reset_agent`, which explores if it is to learn.
+    pub fn new(ladder: Ladder, reset_agent: Agent, settings: ResetSettings, explores: bool) -> Self {
+        let previous = vec![0.0; ladder.settings.spaces.action_len()];
+        Self {
+            ladder,
+            reset_agent,
+            attempts: Attempts::new(settings.attempts),
+            settings,
+            explores,
+            exploration_replaced: 0,
+            phase: Phase::Forward,
+            steps: 0,
+            reset_steps: 0,
+            has_visited: false,
+            needs_hard_reset: false,
+            has_previous: false,
+            previous,
+        }
+    }
+
+    /// The spaces of the environment.
+    pub fn spaces(&self) -> &Spaces {
+        &self.ladder.settings.spaces
     }
 
     /// Decides on `action`, which afterwards holds what may be executed: the proposed action, a projected one, or the reset agent's. After an
@@ -128,6 +156,11 @@ impl Shield {
                 .act(observation, mode, action)
                 .and_then(|()| self.ladder.check(&moment, action))
             {
+                Ok(()) if self.explores && self.settings.shield_exploration => {
+                    let is_replaced = self.ladder.guard(agents, &moment, action).abort().is_some();
+                    self.exploration_replaced += u64::from(is_replaced);
+                    Decision::Resetting
+                }
                 Ok(()) => Decision::Resetting,
                 Err(_) => self.ladder.refuse(Cause::ResetFailed, action),
             }
@@ -140,19 +173,33 @@ impl Shield {
         decision
     }
 
-    /// The executed action led to a state, which is in the reset set or not. Ends the reset agent's episode where that is due.
-    pub fn step_done(&mut self, in_reset_set: bool) {
+    /// The executed action led to a state, which is in the reset set or not. Ends the reset agent's episode where that is due; then says
+    /// whether it has succeeded.
+    pub fn step_done(&mut self, in_reset_set: bool) -> Option<bool> {
         self.steps += 1;
         self.has_previous = true;
         if self.phase == Phase::Forward {
-            return;
+            return None;
         }
         self.reset_steps += 1;
         self.has_visited |= in_reset_set;
-        if (self.stop_on_reset && in_reset_set) || self.reset_steps >= self.episode_length {
-            self.needs_hard_reset = self.attempts.record(self.has_visited);
+        let is_over =
+            (self.settings.stop_on_reset && in_reset_set) || self.reset_steps >= self.settings.episode_length;
+        if !is_over {
+            return None;
+        }
+        let has_reset = match self.settings.test {
+            ResetTest::AnyVisited => self.has_visited,
+            ResetTest::FinalState => in_reset_set,
+        };
+        self.needs_hard_reset = self.attempts.record(has_reset);
+        let tries_again = !has_reset && self.settings.between_attempts == BetweenAttempts::Reset;
+        if tries_again && !self.needs_hard_reset {
+            self.begin_reset();
+        } else {
             self.phase = Phase::Forward;
         }
+        Some(has_reset)
     }
 
     /// Hands over to the reset agent although nothing was aborted: the task is done, or its time is up.
@@ -171,6 +218,16 @@ impl Shield {
         self.needs_hard_reset
     }
 
+    /// An abort without anyone being asked; the buffer holds the fallback action.
+    pub fn refuse(&mut self, cause: Cause, action: &mut [f32]) -> Decision {
+        self.ladder.refuse(cause, action)
+    }
+
+    /// The reset agent cannot help: the environment has ended, or its state is not known.
+    pub fn require_hard_reset(&mut self) {
+        (self.needs_hard_reset, self.phase) = (true, Phase::Forward);
+    }
+
     /// Everything is back at its start.
     pub fn hard_reset_done(&mut self) {
         self.attempts.clear();
@@ -185,6 +242,11 @@ impl Shield {
     /// What the rules were told of the last proposed action, and what they compared.
     pub fn judgement(&self) -> &Judgement {
         self.ladder.judgement()
+    }
+
+    /// Exploratory actions of the reset agent that gave way to its greedy one, because the rules rejected them.
+    pub fn exploration_replaced(&self) -> u64 {
+        self.exploration_replaced
     }
 
     /// Whether a plugin that the shield needs is out of service: from now on everything is aborted.

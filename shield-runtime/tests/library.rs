@@ -4,12 +4,15 @@
 mod common;
 
 use common::{EPISODE, Line, PIT, Rule, Scripted, spaces};
+use rand::SeedableRng;
+use rand_pcg::Pcg64;
 use shield_api::{AbortRule, Environment, Phase, RuleVerdict};
 use shield_runtime::{
     decision::{Cause, Decision},
+    drop_in::Learning,
     experience::Experience,
     shield::{Shield, ShieldBuilder},
-    shielded::{Learning, Shielded},
+    shielded::Shielded,
 };
 
 /// Rejects what leads into the pit.
@@ -113,8 +116,8 @@ fn an_agent_in_a_shielded_environment_falls_or_costs_a_hard_reset() {
     let seen = agent.seen.clone();
     let shield = builder(agent).learning(1, 7).build().unwrap();
     let experience = Experience::new(10, &spaces(), [0, 1], 1.0).unwrap();
-    let learning = Learning { experience, updates_per_step: 2 };
-    let mut line = Shielded::new(line, None, shield).unwrap().learning(learning, 3);
+    let learning = Learning::new(experience, 2, Pcg64::seed_from_u64(3));
+    let mut line = Shielded::new(line, None, shield).unwrap().learning(learning);
     let mut observation = [f32::NAN];
     let mut terminations = 0;
     line.reset(0, &mut observation).unwrap();

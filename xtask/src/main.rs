@@ -2,6 +2,7 @@
 #![allow(clippy::print_stdout, reason = "a command line")]
 
 mod cargo;
+mod drop_in;
 mod native;
 mod peers;
 mod python;
@@ -31,6 +32,7 @@ const EXAMPLES: &str = "Examples:
   cargo shield --help                         what the shield itself can do
   cargo xtask test                            every test
   cargo xtask test --stage doc                only the examples in the documentation
+  cargo xtask test --python                   the Python package, with Stable-Baselines3
   cargo xtask test --peers                    our robots against Gymnasium's and dm_control's
   cargo xtask bench --bench decision          one benchmark
   cargo xtask bench --peers                   our learner against torch and Stable-Baselines3
@@ -66,6 +68,12 @@ enum Chore {
         /// motors, 200 control steps of free motion, and the speed of the half-cheetah.
         #[arg(long, conflicts_with = "stages")]
         peers: bool,
+        /// Only the Python package: its wheel is built and installed, and its tests run
+        ///
+        /// Installs torch and Stable-Baselines3 from PyPI into native/python/drop-in, once (a few minutes, 2 GB). Prints what the wrapper
+        /// costs for a step.
+        #[arg(long, conflicts_with_all = ["stages", "peers"])]
+        python: bool,
     },
     /// Write `shield-api/include/shield_plugin.h` anew, after a change of the tables
     Header,
@@ -127,7 +135,8 @@ fn run(chore: Chore) -> anyhow::Result<ExitCode> {
             return shield(&arguments);
         }
         Chore::Test { peers: true, .. } => return peers::test(root),
-        Chore::Test { stages, peers: false } => return stages::run(root, &stages),
+        Chore::Test { python: true, .. } => return drop_in::test(root),
+        Chore::Test { stages, .. } => return stages::run(root, &stages),
         Chore::Header => {
             let test = ["test", "--quiet", "--workspace", "--test", "header"];
             cargo::run(cargo::command(root).args(test).env("SHIELD_WRITE_HEADER", "1"))?;
@@ -147,7 +156,9 @@ fn run(chore: Chore) -> anyhow::Result<ExitCode> {
 
 fn build(root: &Path, optimised: bool) -> anyhow::Result<()> {
     let mut command = cargo::command(root);
-    command.args(["build", "--workspace", "--exclude", "xtask", "--exclude", "shield-tests"]);
+    command.args(["build", "--workspace"]);
+    // Neither is loaded by `shield`.
+    command.args(["xtask", "shield-tests", "shield-python"].map(|name| ["--exclude", name]).as_flattened());
     if optimised {
         command.arg("--release");
     }

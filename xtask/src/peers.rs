@@ -45,7 +45,7 @@ pub fn test(root: &Path) -> anyhow::Result<ExitCode> {
 /// # Errors
 /// Something could not be built, installed or started.
 pub fn bench(root: &Path) -> anyhow::Result<()> {
-    let python = torch::python(root)?;
+    let python = torch::python(root, "torch", &root.join("tests/peers/torch.txt"))?;
     // `shield` and what it loads, side by side, for the steps per second.
     cargo::run(
         cargo::command(root)

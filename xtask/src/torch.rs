@@ -20,12 +20,12 @@ const STABLE_BASELINES: &str = "stable-baselines3==2.9.0";
 const REMEDY: &str =
     "this needs python3 with venv and pip, a C compiler, and the network (some 800 MB, once)";
 
-/// A Python with torch and Stable-Baselines3, in `native/python/torch`.
+/// A Python with torch, Stable-Baselines3 and the packages of the file `requirements`, in `native/python/<name>`.
 ///
 /// # Errors
 /// It cannot be set up; with the remedy.
-pub fn python(root: &Path) -> Result<PathBuf> {
-    let program = python::environment(root, "torch", &root.join("tests/peers/torch.txt"))?;
+pub fn python(root: &Path, name: &str, requirements: &Path) -> Result<PathBuf> {
+    let program = python::environment(root, name, requirements)?;
     let prefix = program.ancestors().nth(2).context("an environment has a folder")?;
     let stamp = prefix.join("torch.txt");
     if stamp.exists() {

@@ -14,7 +14,7 @@ const VERSION: u32 = 2;
 /// Magic, version, length of the body, its checksum.
 const HEADER: usize = 8 + 4 + 8 + 4;
 
-pub(super) type Result<T> = std::result::Result<T, CheckpointError>;
+pub(crate) type Result<T> = std::result::Result<T, CheckpointError>;
 
 /// Why a checkpoint cannot be written or used.
 #[derive(Debug, thiserror::Error)]
@@ -76,7 +76,7 @@ pub enum CheckpointError {
 }
 
 impl CheckpointError {
-    pub(super) fn io(path: &Path, error: io::Error) -> Self {
+    pub(crate) fn io(path: &Path, error: io::Error) -> Self {
         Self::Io { path: path.to_owned(), error }
     }
 
@@ -86,8 +86,8 @@ impl CheckpointError {
     }
 }
 
-/// Writes `body` to `path` in one step: whoever reads finds the old file or the new one. The old one becomes `previous`.
-pub(super) fn write(path: &Path, previous: &Path, body: &impl Serialize) -> Result<()> {
+/// Writes `body` to `path` in one step: whoever reads finds the old file or the new one. The old one becomes `previous`, if that is given.
+pub(crate) fn write(path: &Path, previous: Option<&Path>, body: &impl Serialize) -> Result<()> {
     let mut bytes = vec![0; HEADER];
     bytes = postcard::to_extend(body, bytes)
         .map_err(|error| CheckpointError::io(path, io::Error::other(error)))?;
@@ -103,7 +103,7 @@ pub(super) fn write(path: &Path, previous: &Path, body: &impl Serialize) -> Resu
         let mut file = File::create(&aside)?;
         file.write_all(&bytes)?;
         file.sync_all()?;
-        if path.exists() {
+        if let Some(previous) = previous.filter(|_| path.exists()) {
             fs::rename(path, previous)?;
         }
         fs::rename(&aside, path)
@@ -113,7 +113,7 @@ pub(super) fn write(path: &Path, previous: &Path, body: &impl Serialize) -> Resu
 }
 
 /// Reads what [`write`] wrote.
-pub(super) fn read<T: DeserializeOwned>(path: &Path) -> Result<T> {
+pub(crate) fn read<T: DeserializeOwned>(path: &Path) -> Result<T> {
     let bytes = fs::read(path).map_err(|error| CheckpointError::io(path, error))?;
     let torn = |what| CheckpointError::Torn { path: path.to_owned(), what };
     if !bytes.starts_with(MAGIC) {
@@ -159,7 +159,7 @@ mod tests {
     fn written() -> (tempfile::TempDir, PathBuf, Vec<u8>) {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("latest.bin");
-        write(&path, &folder.path().join("previous.bin"), &vec![7u32; 50]).unwrap();
+        write(&path, Some(&folder.path().join("previous.bin")), &vec![7u32; 50]).unwrap();
         let bytes = fs::read(&path).unwrap();
         (folder, path, bytes)
     }
@@ -168,7 +168,7 @@ mod tests {
     fn what_is_written_is_read_and_the_one_before_is_kept() {
         let (folder, path, _) = written();
         let previous = folder.path().join("previous.bin");
-        write(&path, &previous, &vec![8u32; 3]).unwrap();
+        write(&path, Some(&previous), &vec![8u32; 3]).unwrap();
         assert_eq!(read::<Vec<u32>>(&path).unwrap(), [8; 3]);
         assert_eq!(read::<Vec<u32>>(&previous).unwrap(), [7; 50]);
     }

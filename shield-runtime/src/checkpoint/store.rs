@@ -157,7 +157,7 @@ impl CheckpointStore {
         let saved =
             ToSave { provenance: &self.provenance, state: snapshot.state, recorder, experience: &experience };
         let (latest, previous) = (latest(&self.folder), previous(&self.folder));
-        file::write(&latest, &previous, &saved)?;
+        file::write(&latest, Some(&previous), &saved)?;
         if is_finished && previous.exists() {
             fs::remove_file(&previous).map_err(|error| CheckpointError::io(&previous, error))?;
         }

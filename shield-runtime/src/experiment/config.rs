@@ -95,11 +95,11 @@ fn usual_checkpoints() -> Option<CheckpointConfig> {
     Some(CheckpointConfig::default())
 }
 
-fn one() -> f64 {
+pub(super) fn one() -> f64 {
     1.0
 }
 
-fn one_thread() -> usize {
+pub(super) fn one_thread() -> usize {
     1
 }
 
@@ -478,6 +478,15 @@ pub struct Endings {
     pub on_success: OnResetSuccess,
     /// At the end of a failed reset episode.
     pub on_failure: OnResetFailure,
+}
+
+impl Endings {
+    /// Whether the value of the state after a step counts for the reset agent. `has_failed`: it was the last step of a failed reset episode.
+    pub fn reset_continues(self, in_reset_set: bool, terminated: bool, has_failed: bool) -> bool {
+        let is_done = in_reset_set && self.on_success == OnResetSuccess::Terminal;
+        let is_lost = has_failed && self.on_failure == OnResetFailure::Zero;
+        !terminated && !is_done && !is_lost
+    }
 }
 
 /// Who learns after a step.

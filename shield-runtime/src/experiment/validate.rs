@@ -2,10 +2,13 @@
 
 use std::time::Duration;
 
+use indexmap::IndexMap;
+
 use super::config::{
     EvaluatedAgent, EvaluationConfig, ExperienceConfig, Experiment, Forward, Mode, OnAbort, PluginChoice,
-    ProjectionConfig, QpConfig, ResetAttempts, RuleConfig, WorkerConfig,
+    ProjectionConfig, QpConfig, ResetAttempts, RuleConfig, ShieldConfig, WorkerConfig,
 };
+use super::drop_in::{DropInConfig, SpaceConfig};
 
 /// What is wrong, and the path of the value to which it belongs.
 #[derive(Debug, PartialEq, Eq)]
@@ -41,8 +44,10 @@ pub(super) fn validate(experiment: &Experiment) -> Checked {
         "states are kept with decisions, of which `decisions: 0` keeps none",
     )?;
     plugins(experiment)?;
+    pins(&experiment.pins)?;
     mode(experiment)?;
-    shield(experiment)?;
+    shield(&experiment.shield)?;
+    learning(experiment)?;
     experience(&experiment.experience)?;
     experiment.evaluation.as_ref().map_or(Ok(()), |settings| evaluation(experiment, settings))
 }
@@ -71,16 +76,16 @@ fn seeds(seeds: &[u64]) -> Checked {
 
 fn plugins(experiment: &Experiment) -> Checked {
     for (path, _, choice) in experiment.plugins() {
-        ensure(!choice.plugin.is_empty(), format!("{path}.plugin"), "the id of a plugin is empty")?;
-        worker(experiment, &path, choice)?;
+        let is_policy = path == "forward" && matches!(experiment.forward, Forward::Policy(_));
+        plugin(&path, choice, path == "environment" || is_policy)?;
     }
     Ok(())
 }
 
-fn worker(experiment: &Experiment, path: &str, choice: &PluginChoice) -> Checked {
-    let is_policy = path == "forward" && matches!(experiment.forward, Forward::Policy(_));
+fn plugin(path: &str, choice: &PluginChoice, may_be_isolated: bool) -> Checked {
+    ensure(!choice.plugin.is_empty(), format!("{path}.plugin"), "the id of a plugin is empty")?;
     ensure(
-        !choice.isolate || path == "environment" || is_policy,
+        !choice.isolate || may_be_isolated,
         format!("{path}.isolate"),
         "only environments and policies can run in a process of their own",
     )?;
@@ -95,7 +100,11 @@ fn worker(experiment: &Experiment, path: &str, choice: &PluginChoice) -> Checked
         let message = format!("a time limit is finite and above 0, not {value}");
         ensure(is_limit, format!("{path}.worker.{field}"), message)?;
     }
-    for (id, sha256) in &experiment.pins {
+    Ok(())
+}
+
+fn pins(pins: &IndexMap<String, String>) -> Checked {
+    for (id, sha256) in pins {
         let is_digit = |byte: u8| matches!(byte, b'0'..=b'9' | b'a'..=b'f');
         let is_sha256 = sha256.len() == 64 && sha256.bytes().all(is_digit);
         let message = format!("{sha256:?} is not a SHA-256: 64 lower-case hexadecimal digits");
@@ -122,8 +131,7 @@ fn mode(experiment: &Experiment) -> Checked {
     }
 }
 
-fn shield(experiment: &Experiment) -> Checked {
-    let settings = &experiment.shield;
+fn shield(settings: &ShieldConfig) -> Checked {
     ensure(
         settings.reset_attempts != ResetAttempts::After(0),
         "shield.reset_attempts",
@@ -134,17 +142,26 @@ fn shield(experiment: &Experiment) -> Checked {
         ensure(value.is_finite(), path, format!("an action cannot be {value}"))?;
     }
     ensure(settings.deadline_us != Some(0), "shield.deadline_us", "every decision takes longer than 0 µs")?;
-    on_abort(experiment)?;
+    if let OnAbort::Penalise(penalty) = settings.on_abort {
+        let message = format!("the penalty {penalty} is not finite and above 0");
+        ensure(penalty.is_finite() && penalty > 0.0, "shield.on_abort", message)?;
+    }
     rules(&settings.rules, "shield.rules")?;
     match &settings.projection {
         Some(ProjectionConfig::Qp(settings)) => projection(settings),
-        Some(ProjectionConfig::Best) => {
-            let learns = matches!(experiment.forward, Forward::Learner(_));
-            let message = "a finished policy values no action: `Best` takes `forward: Learner(…)`; `Replace` works here";
-            ensure(learns, "shield.projection", message)
-        }
-        Some(ProjectionConfig::Replace) | None => Ok(()),
+        Some(ProjectionConfig::Best | ProjectionConfig::Replace) | None => Ok(()),
     }
+}
+
+/// What only a forward agent that learns can do.
+fn learning(experiment: &Experiment) -> Checked {
+    let learns = matches!(experiment.forward, Forward::Learner(_));
+    let settings = &experiment.shield;
+    let message = "a finished policy learns from nothing: it takes `forward: Learner(…)`, or `Nothing` here";
+    ensure(learns || settings.on_abort == OnAbort::Nothing, "shield.on_abort", message)?;
+    let message =
+        "a finished policy values no action: `Best` takes `forward: Learner(…)`; `Replace` works here";
+    ensure(learns || settings.projection != Some(ProjectionConfig::Best), "shield.projection", message)
 }
 
 fn rules(rules: &[RuleConfig], path: &str) -> Checked {
@@ -163,17 +180,6 @@ fn rules(rules: &[RuleConfig], path: &str) -> Checked {
         }
     }
     Ok(())
-}
-
-fn on_abort(experiment: &Experiment) -> Checked {
-    let settings = experiment.shield.on_abort;
-    if let OnAbort::Penalise(penalty) = settings {
-        let message = format!("the penalty {penalty} is not finite and above 0");
-        ensure(penalty.is_finite() && penalty > 0.0, "shield.on_abort", message)?;
-    }
-    let learns = matches!(experiment.forward, Forward::Learner(_));
-    let message = "a finished policy learns from nothing: it takes `forward: Learner(…)`, or `Nothing` here";
-    ensure(learns || settings == OnAbort::Nothing, "shield.on_abort", message)
 }
 
 fn projection(settings: &QpConfig) -> Checked {
@@ -220,6 +226,47 @@ fn experience(settings: &ExperienceConfig) -> Checked {
         "experience.bootstrap_probability",
         format!("{probability} is not a probability above 0 and up to 1"),
     )
+}
+
+/// Refuses what cannot stand between somebody's own policy and environment.
+pub(super) fn validate_drop_in(config: &DropInConfig) -> Checked {
+    for (path, _, choice) in config.plugins() {
+        plugin(&path, choice, false)?;
+    }
+    pins(&config.pins)?;
+    ensure(config.threads > 0, "threads", "a shield needs at least one thread")?;
+    ensure(config.episode_length > 0, "episode_length", "a reset episode needs at least one step")?;
+    let cost = config.hard_reset_cost;
+    ensure(
+        cost.is_finite() && cost >= 0.0,
+        "hard_reset_cost",
+        format!("the cost of a hard reset is {cost}; it must be finite and not negative"),
+    )?;
+    let settings = &config.shield;
+    ensure(!settings.rules.is_empty(), "shield.rules", "a shield without any rule would never abort")?;
+    shield(settings)?;
+    ensure(
+        settings.on_abort == OnAbort::Nothing,
+        "shield.on_abort",
+        "what an agent of yours learns from an abort is the reward that you give it, not a matter of the shield",
+    )?;
+    ensure(
+        settings.projection != Some(ProjectionConfig::Best),
+        "shield.projection",
+        "the values of an agent of yours are not known here: `Replace` works, and for a box of actions `Qp`",
+    )?;
+    for (name, space) in config.spaces.iter().flat_map(|spaces| spaces.named()) {
+        space_is_possible(&format!("spaces.{name}"), name, space)?;
+    }
+    experience(&config.experience)
+}
+
+fn space_is_possible(path: &str, name: &str, space: &SpaceConfig) -> Checked {
+    space
+        .clone()
+        .into_space()
+        .validate(name)
+        .map_err(|error| Complaint { path: path.to_owned(), message: error.message().to_owned() })
 }
 
 fn evaluation(experiment: &Experiment, settings: &EvaluationConfig) -> Checked {

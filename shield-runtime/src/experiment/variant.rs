@@ -2,6 +2,7 @@
 
 use std::path::Path;
 
+use serde::de::DeserializeOwned;
 use shield_api::Position;
 
 use super::config::Experiment;
@@ -10,7 +11,7 @@ use super::error::{Fault, InputError, Location, offset_at, position_at};
 use super::overrides::{Given, Override};
 use super::path;
 use super::tree::{Kind, Node, skip_trivia};
-use super::validate::validate;
+use super::validate::{Complaint, validate};
 use super::{ExperimentFile, ron_options};
 
 /// An experiment with the overrides of one variant and of the command line.
@@ -23,9 +24,9 @@ pub struct Variant {
     source: Source,
 }
 
-/// The text of a variant, and where each part of it was written.
+/// The text of a variant, or of another configuration, and where each part of it was written.
 #[derive(Debug, Clone)]
-struct Source {
+pub(crate) struct Source {
     file: ExperimentFile,
     /// The variant, if it is one of several.
     declared: Option<String>,
@@ -41,19 +42,8 @@ impl Variant {
         declared: bool,
         overrides: Vec<Override>,
     ) -> Result<Self, InputError> {
-        let mut source = Source {
-            file: file.clone(),
-            declared: declared.then(|| name.to_owned()),
-            edited: EditedText::new(&file.text),
-            overrides,
-        };
-        source.apply()?;
-        let read = ron_options().from_str::<Experiment>(source.edited.text());
-        let experiment = read.map_err(|error| source.error(Fault::from_ron(source.edited.text(), &error)))?;
-        validate(&experiment).map_err(|complaint| {
-            let offset = source.offset(&complaint.path, None);
-            source.error(Fault { offset, message: complaint.message, remedy: None })
-        })?;
+        let source = Source::new(file, declared.then_some(name), overrides)?;
+        let experiment = source.read(validate)?;
         Ok(Self { name: name.to_owned(), experiment, source })
     }
 
@@ -65,8 +55,12 @@ impl Variant {
 
     /// The same as [`InputError`], for what a plugin says about the value at `path`.
     pub fn error_at(&self, path: &str, position: Option<Position>, message: impl Into<String>) -> InputError {
-        let offset = self.source.offset(path, position);
-        self.source.error(Fault { offset, message: message.into(), remedy: None })
+        self.source.error_at(path, position, message)
+    }
+
+    /// Its text.
+    pub(crate) fn source(&self) -> &Source {
+        &self.source
     }
 
     /// The file from which it was read.
@@ -76,6 +70,39 @@ impl Variant {
 }
 
 impl Source {
+    /// The text of a file with the overrides applied in their order; `declared` is the variant, if it is one of several.
+    pub(super) fn new(
+        file: &ExperimentFile,
+        declared: Option<&str>,
+        overrides: Vec<Override>,
+    ) -> Result<Self, InputError> {
+        let mut source = Self {
+            file: file.clone(),
+            declared: declared.map(str::to_owned),
+            edited: EditedText::new(&file.text),
+            overrides,
+        };
+        source.apply()?;
+        Ok(source)
+    }
+
+    /// What the text says, if `validate` agrees.
+    pub(super) fn read<T: DeserializeOwned>(
+        &self,
+        validate: impl FnOnce(&T) -> Result<(), Complaint>,
+    ) -> Result<T, InputError> {
+        let read = ron_options().from_str::<T>(self.edited.text());
+        let config = read.map_err(|error| self.error(Fault::from_ron(self.edited.text(), &error)))?;
+        validate(&config).map_err(|complaint| self.error_at(&complaint.path, None, complaint.message))?;
+        Ok(config)
+    }
+
+    /// An error at the value of `path`.
+    pub fn error_at(&self, path: &str, position: Option<Position>, message: impl Into<String>) -> InputError {
+        let offset = self.offset(path, position);
+        self.error(Fault { offset, message: message.into(), remedy: None })
+    }
+
     fn apply(&mut self) -> Result<(), InputError> {
         let root = self.tree()?;
         if let Some(variants) = root.entries().iter().find(|entry| entry.key == "variants") {

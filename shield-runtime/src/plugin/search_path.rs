@@ -25,13 +25,18 @@ impl SearchPath {
     /// folder, which is `XDG_DATA_HOME` or `~/.local/share`.
     pub fn from_environment() -> Self {
         let executable = env::current_exe().and_then(|path| path.canonicalize()).ok();
+        Self::around(executable.as_deref().and_then(Path::parent))
+    }
+
+    /// The usual folders, for a library that is loaded into a program of somebody else's: `folder`, and `plugins` in it, stand in for
+    /// those of the executable.
+    pub fn beside(folder: &Path) -> Self {
+        Self::around(Some(folder))
+    }
+
+    fn around(folder: Option<&Path>) -> Self {
         let variable = |name: &str| env::var_os(name).filter(|value| !value.is_empty());
-        Self::from_parts(
-            variable(Self::VARIABLE),
-            executable.as_deref().and_then(Path::parent),
-            variable("XDG_DATA_HOME"),
-            variable("HOME"),
-        )
+        Self::from_parts(variable(Self::VARIABLE), folder, variable("XDG_DATA_HOME"), variable("HOME"))
     }
 
     fn from_parts(

@@ -2,9 +2,7 @@
 
 use std::time::Duration;
 
-use rand::Rng;
-use rand_pcg::Pcg64;
-use shield_api::{Environment, Host, Learner, LearnerInfo, Policy, Setup, Space, Spaces};
+use shield_api::{Environment, Host, Learner, LearnerInfo, Policy, Setup, Spaces};
 
 use crate::{
     agent::{Agent, ForwardAgent},
@@ -13,14 +11,15 @@ use crate::{
     experience::{AgentRole, Experience},
     experiment::{
         EvaluatedAgent, EvaluationConfig, Experiment, Forward, InputError, Mode, OnWorkerFailure,
-        PluginChoice, RuleConfig, Variant, WorkerConfig,
+        PluginChoice, Variant, WorkerConfig,
     },
     joint_loop::{LoopRandomness, LoopSettings, Participants},
     plugin::{
-        self, PluginError, Registry, Selection,
+        self, PluginError, Registry,
         isolated::{Isolation, OnFailure, RestartFlag},
     },
-    shield::{Ladder, LadderSettings, RuleTree},
+    shield::Ladder,
+    workshop::{Stream, Workshop},
     world::World,
 };
 
@@ -37,38 +36,12 @@ pub struct Prepared {
     pub randomness: LoopRandomness,
 }
 
-/// What draws random numbers in a run. Each has a stream of its own, so that a change in one leaves the others alone.
-#[derive(Debug, Clone, Copy)]
-enum Stream {
-    Environment,
-    EvaluationEnvironment,
-    Forward,
-    Reset,
-    ResetTask,
-    EvaluationResetTask,
-    Rules,
-    EvaluationRules,
-    ForwardBatches,
-    ResetBatches,
-    HardResets,
-    Masks,
-    EvaluationSeeds,
-}
-
-fn generator(seed: u64, stream: Stream) -> Pcg64 {
-    Pcg64::new(u128::from(seed), stream as u128)
-}
-
-fn derived_seed(seed: u64, stream: Stream) -> u64 {
-    generator(seed, stream).next_u64()
-}
-
 /// Loads and configures everything that a run of `variant` with `seed` needs. Writes nothing.
 ///
 /// # Errors
 /// A plugin is missing or broken, refuses its configuration, or does not fit the others.
 pub fn prepare(registry: &Registry, variant: &Variant, seed: u64) -> Result<Prepared, InputError> {
-    Builder { registry, variant, experiment: &variant.experiment, seed }.prepare()
+    Builder::new(registry, variant, seed).prepare()
 }
 
 /// The rules of a variant as they judge, without projection and deadline, and what the reset agent says of itself.
@@ -82,7 +55,7 @@ pub(super) fn replay_ladder(
         return Err(bare.error_at("mode", None, "the run had no shield whose decisions could be replayed"));
     }
     let seed = bare.experiment.seeds[0];
-    let builder = Builder { registry, variant: &bare, experiment: &bare.experiment, seed };
+    let builder = Builder::new(registry, &bare, seed);
     let spaces =
         builder.world([Stream::Environment, Stream::ResetTask], 0, plugin::host())?.spec().spaces.clone();
     let reset = builder.reset(&spaces)?;
@@ -90,19 +63,25 @@ pub(super) fn replay_ladder(
 }
 
 struct Builder<'a> {
-    registry: &'a Registry,
+    workshop: Workshop<'a>,
     variant: &'a Variant,
     experiment: &'a Experiment,
-    seed: u64,
 }
 
-impl Builder<'_> {
+impl<'a> Builder<'a> {
+    fn new(registry: &'a Registry, variant: &'a Variant, seed: u64) -> Self {
+        let experiment = &variant.experiment;
+        let (pins, threads) = (&experiment.pins, experiment.threads);
+        let workshop = Workshop { registry, source: variant.source(), pins, threads, seed };
+        Self { workshop, variant, experiment }
+    }
+
     fn prepare(&self) -> Result<Prepared, InputError> {
         let experiment = self.experiment;
         let world = self.world([Stream::Environment, Stream::ResetTask], 0, plugin::host())?;
         if experiment.record.states_every > 0 {
             let kept = world.save_environment(&mut Vec::new());
-            kept.map_err(|error| self.refused("record.states_every", &error))?;
+            kept.map_err(|error| self.workshop.refused("record.states_every", &error))?;
         }
         let spaces = world.spec().spaces.clone();
         let mode = &experiment.mode;
@@ -130,9 +109,9 @@ impl Builder<'_> {
             forward.as_ref().map_or(0, ForwardAgent::members),
             reset.as_ref().map_or(0, |reset| reset.info().members),
         ];
-        let sampler = generator(self.seed, Stream::ResetBatches);
+        let sampler = self.workshop.generator(Stream::ResetBatches);
         let experience = Experience::new(config.capacity, &spaces, members, config.bootstrap_probability)
-            .map_err(|error| self.refused("experience.capacity", &error))?;
+            .map_err(|error| self.workshop.refused("experience.capacity", &error))?;
         let participants = Participants {
             experience,
             reset: reset.map(|reset| Agent::new(AgentRole::Reset, reset, config.batch, &spaces, sampler)),
@@ -142,8 +121,8 @@ impl Builder<'_> {
             evaluator,
         };
         let randomness = LoopRandomness {
-            resets: generator(self.seed, Stream::HardResets),
-            masks: generator(self.seed, Stream::Masks),
+            resets: self.workshop.generator(Stream::HardResets),
+            masks: self.workshop.generator(Stream::Masks),
         };
         Ok(Prepared { settings: loop_settings(experiment), participants, randomness })
     }
@@ -156,21 +135,19 @@ impl Builder<'_> {
         host: Host,
     ) -> Result<World, InputError> {
         let choice = &self.experiment.environment;
-        let seed = |stream| derived_seed(self.seed, stream).wrapping_add(instance);
+        let seed = |stream| self.workshop.derived_seed(stream).wrapping_add(instance);
         let setup = Setup::new(seed(environment), self.experiment.threads, host);
-        let (environment, restarts) =
-            self.environment(choice, &setup).map_err(|error| self.input_error("environment", error))?;
+        let (environment, restarts) = self
+            .environment(choice, &setup)
+            .map_err(|error| self.workshop.input_error("environment", error))?;
         let spaces = environment.spec().spaces;
         let setup = Setup::with_spaces(seed(task), self.experiment.threads, host, spaces);
-        let task: Option<Box<dyn shield_api::ResetTask>> = match &self.experiment.reset_task {
+        let task = match &self.experiment.reset_task {
             None => None,
-            Some(choice) => Some(Box::new(
-                self.registry
-                    .reset_task(&self.selection(choice), choice.config.get_ron(), &setup)
-                    .map_err(|error| self.input_error("reset_task", error))?,
-            )),
+            Some(choice) => Some(self.workshop.reset_task(choice, &setup)?),
         };
-        let world = World::new(environment, task).map_err(|error| self.refused("environment", &error))?;
+        let world =
+            World::new(environment, task).map_err(|error| self.workshop.refused("environment", &error))?;
         Ok(world.restarted_by(restarts))
     }
 
@@ -180,11 +157,12 @@ impl Builder<'_> {
         choice: &PluginChoice,
         setup: &Setup,
     ) -> Result<(Box<dyn Environment>, Option<RestartFlag>), PluginError> {
-        let (selection, config) = (self.selection(choice), choice.config.get_ron());
+        let (selection, config) = (self.workshop.selection(choice), choice.config.get_ron());
         Ok(match isolation(choice) {
-            None => (Box::new(self.registry.environment(&selection, config, setup)?), None),
+            None => (Box::new(self.workshop.registry.environment(&selection, config, setup)?), None),
             Some(isolation) => {
-                let environment = self.registry.isolated_environment(&selection, config, setup, isolation)?;
+                let environment =
+                    self.workshop.registry.isolated_environment(&selection, config, setup, isolation)?;
                 let restarts = environment.was_restarted();
                 (Box::new(environment), Some(restarts))
             }
@@ -192,96 +170,39 @@ impl Builder<'_> {
     }
 
     fn policy(&self, choice: &PluginChoice, setup: &Setup) -> Result<Box<dyn Policy>, PluginError> {
-        let (selection, config) = (self.selection(choice), choice.config.get_ron());
+        let (selection, config) = (self.workshop.selection(choice), choice.config.get_ron());
         Ok(match isolation(choice) {
-            None => Box::new(self.registry.policy(&selection, config, setup)?),
-            Some(isolation) => Box::new(self.registry.isolated_policy(&selection, config, setup, isolation)?),
+            None => Box::new(self.workshop.registry.policy(&selection, config, setup)?),
+            Some(isolation) => {
+                Box::new(self.workshop.registry.isolated_policy(&selection, config, setup, isolation)?)
+            }
         })
     }
 
     fn forward(&self, spaces: &Spaces) -> Result<ForwardAgent, InputError> {
-        let setup = self.setup(Stream::Forward, spaces);
+        let setup = self.workshop.setup(Stream::Forward, spaces);
         match &self.experiment.forward {
             Forward::Learner(choice) => {
-                let learner = self.learner("forward", choice, &setup)?;
-                let sampler = generator(self.seed, Stream::ForwardBatches);
+                let learner = self.workshop.learner("forward", choice, &setup)?;
+                let sampler = self.workshop.generator(Stream::ForwardBatches);
                 let batch = self.experiment.experience.batch;
                 let agent = Agent::new(AgentRole::Forward, learner, batch, spaces, sampler);
                 Ok(ForwardAgent::Learner(Box::new(agent)))
             }
             Forward::Policy(choice) => {
                 let policy = self.policy(choice, &setup);
-                Ok(ForwardAgent::Policy(policy.map_err(|error| self.input_error("forward", error))?))
+                Ok(ForwardAgent::Policy(policy.map_err(|error| self.workshop.input_error("forward", error))?))
             }
         }
     }
 
     fn reset(&self, spaces: &Spaces) -> Result<Box<dyn Learner>, InputError> {
         let choice = self.experiment.reset.as_ref().expect("validated: modes with a reset agent name one");
-        self.learner("reset", choice, &self.setup(Stream::Reset, spaces))
-    }
-
-    fn learner(
-        &self,
-        path: &str,
-        choice: &PluginChoice,
-        setup: &Setup,
-    ) -> Result<Box<dyn Learner>, InputError> {
-        let learner = self.registry.learner(&self.selection(choice), choice.config.get_ron(), setup);
-        Ok(Box::new(learner.map_err(|error| self.input_error(path, error))?))
-    }
-
-    fn rules(
-        &self,
-        rules: &[RuleConfig],
-        path: &str,
-        setup: &mut Setup,
-    ) -> Result<Vec<RuleTree>, InputError> {
-        let mut trees = Vec::with_capacity(rules.len());
-        for (index, rule) in rules.iter().enumerate() {
-            let path = format!("{path}[{index}]");
-            trees.push(match rule {
-                RuleConfig::Rule(choice) => RuleTree::Rule(self.rule(choice, &path, setup)?),
-                RuleConfig::Soft { priority, rule } => {
-                    RuleTree::soft(*priority, self.rule(rule, &format!("{path}.rule"), setup)?)
-                }
-                RuleConfig::All(parts) => RuleTree::All(self.rules(parts, &path, setup)?),
-                RuleConfig::Any(parts) => RuleTree::Any(self.rules(parts, &path, setup)?),
-            });
-        }
-        Ok(trees)
-    }
-
-    fn rule(
-        &self,
-        choice: &PluginChoice,
-        path: &str,
-        setup: &mut Setup,
-    ) -> Result<Box<dyn shield_api::AbortRule>, InputError> {
-        setup.seed = setup.seed.wrapping_add(1);
-        let rule = self.registry.abort_rule(&self.selection(choice), choice.config.get_ron(), setup);
-        Ok(Box::new(rule.map_err(|error| self.input_error(path, error))?))
+        self.workshop.learner("reset", choice, &self.workshop.setup(Stream::Reset, spaces))
     }
 
     fn shield(&self, reset: &dyn Learner, spaces: &Spaces, stream: Stream) -> Result<Ladder, InputError> {
-        let config = &self.experiment.shield;
-        let mut setup = self.setup(stream, spaces);
-        let rules = self.rules(&config.rules, "shield.rules", &mut setup)?;
-        let fallback_action =
-            config.fallback_action.clone().unwrap_or_else(|| nearest_to_zero(&spaces.action));
-        let settings =
-            LadderSettings { spaces: spaces.clone(), warm_up_steps: config.warm_up_steps, fallback_action };
-        let mut shield = Ladder::new(RuleTree::All(rules), reset, settings)
-            .map_err(|error| self.refused("shield.fallback_action", &error))?;
-        if let Some(projection) = &config.projection {
-            shield = shield
-                .with_projection(projection.clone())
-                .map_err(|error| self.refused("shield.projection", &error))?;
-        }
-        if let Some(deadline) = config.deadline_us {
-            shield = shield.with_deadline(Duration::from_micros(deadline));
-        }
-        Ok(shield)
+        self.workshop.ladder(&self.experiment.shield, reset, spaces, stream)
     }
 
     fn evaluator(
@@ -302,8 +223,8 @@ impl Builder<'_> {
         if let Some(start) = &config.start {
             self.check_start("evaluation.start", start, &worlds[0])?;
         }
-        let batch =
-            Batch::new(worlds, self.experiment.threads).map_err(|error| self.refused("threads", &error))?;
+        let batch = Batch::new(worlds, self.experiment.threads)
+            .map_err(|error| self.workshop.refused("threads", &error))?;
         let shield = match reset {
             Some(reset) if config.shielded => Some(self.shield(reset, spaces, Stream::EvaluationRules)?),
             _ => None,
@@ -313,9 +234,9 @@ impl Builder<'_> {
             Mode::ResetOnly { .. } => EvaluatedAgent::Reset,
             _ => config.agent,
         };
-        let seed = derived_seed(self.seed, Stream::EvaluationSeeds);
+        let seed = self.workshop.derived_seed(Stream::EvaluationSeeds);
         Evaluator::new(batch, shield, agent, config.start.clone(), config.episodes, seed)
-            .map_err(|error| self.refused("evaluation", &error))
+            .map_err(|error| self.workshop.refused("evaluation", &error))
     }
 
     fn check_start(&self, path: &str, start: &str, world: &World) -> Result<(), InputError> {
@@ -327,31 +248,6 @@ impl Builder<'_> {
             if known.is_empty() { "it has none".into() } else { format!("it has {}", known.join(", ")) };
         let message = format!("the environment has no start named {start:?}; {known}");
         Err(self.variant.error_at(path, None, message))
-    }
-
-    fn setup(&self, stream: Stream, spaces: &Spaces) -> Setup {
-        let seed = derived_seed(self.seed, stream);
-        Setup::with_spaces(seed, self.experiment.threads, plugin::host(), spaces.clone())
-    }
-
-    fn selection(&self, choice: &PluginChoice) -> Selection {
-        let sha256 = self.experiment.pins.get(&choice.plugin).cloned();
-        Selection { sha256, ..choice.selection() }
-    }
-
-    /// What a plugin says, at the place in the user's file that it speaks of.
-    fn input_error(&self, path: &str, error: PluginError) -> InputError {
-        match error.config_fault() {
-            Some((message, position)) => self.variant.error_at(&format!("{path}.config"), position, message),
-            None if matches!(error, PluginError::NotPinned { .. }) => {
-                self.variant.error_at("pins", None, error.to_string())
-            }
-            None => self.variant.error_at(&format!("{path}.plugin"), None, error.to_string()),
-        }
-    }
-
-    fn refused(&self, path: &str, error: &shield_api::Error) -> InputError {
-        self.variant.error_at(path, None, error.message())
     }
 }
 
@@ -366,13 +262,6 @@ fn isolation(choice: &PluginChoice) -> Option<Isolation> {
         start_timeout: Duration::from_secs_f64(start_timeout_s),
         step_timeout: Duration::from_secs_f64(step_timeout_s),
     })
-}
-
-/// The action of the space that is nearest to zero: usually the one that does least.
-fn nearest_to_zero(space: &Space) -> Vec<f32> {
-    let mut action = vec![0.0; space.action_len()];
-    space.clamp(&mut action);
-    action
 }
 
 fn loop_settings(experiment: &Experiment) -> LoopSettings {

@@ -49,7 +49,7 @@ struct Scalar {
 }
 
 /// The event file of a run, growing with it.
-pub(super) struct EventFile {
+pub(crate) struct EventFile {
     path: PathBuf,
     file: BufWriter<File>,
 }

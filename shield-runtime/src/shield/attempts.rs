@@ -1,4 +1,36 @@
-//! When the reset agent has given up.
+//! How the reset agent tries, and when it has given up.
+
+use crate::experiment::{BetweenAttempts, ResetTest};
+
+/// How reset episodes go.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ResetSettings {
+    /// Failed reset episodes in a row after which a hard reset is needed; `None`: never.
+    pub attempts: Option<u32>,
+    /// Steps after which a reset episode is over.
+    pub episode_length: u64,
+    /// Whether one ends as soon as the reset set is reached.
+    pub stop_on_reset: bool,
+    /// Which of its states count.
+    pub test: ResetTest,
+    /// What lies between two attempts.
+    pub between_attempts: BetweenAttempts,
+    /// Whether the rules judge the reset agent's exploratory actions; a rejected one gives way to its greedy one.
+    pub shield_exploration: bool,
+}
+
+impl Default for ResetSettings {
+    fn default() -> Self {
+        Self {
+            attempts: Some(1),
+            episode_length: 500,
+            stop_on_reset: true,
+            test: ResetTest::default(),
+            between_attempts: BetweenAttempts::default(),
+            shield_exploration: false,
+        }
+    }
+}
 
 /// Counts failed attempts to reset, in a row.
 #[derive(Debug, Clone, Copy)]

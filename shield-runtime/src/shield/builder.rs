@@ -4,10 +4,10 @@ use std::time::Duration;
 
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
-use shield_api::{AbortRule, Error, Learner, Phase, Result, Spaces};
+use shield_api::{AbortRule, Error, Learner, Result, Spaces};
 
-use super::{Attempts, Ladder, LadderSettings, RuleTree, Shield};
-use crate::{agent::Agent, experience::AgentRole, experiment::ProjectionConfig};
+use super::{Ladder, LadderSettings, ResetSettings, RuleTree, Shield};
+use crate::{agent::Agent, experience::AgentRole, experiment::ProjectionConfig, workshop::nearest_to_zero};
 
 /// Describes a [`Shield`]; what is not said has the defaults of an experiment, but nothing is let through in a warm-up.
 pub struct ShieldBuilder {
@@ -18,9 +18,7 @@ pub struct ShieldBuilder {
     deadline: Option<Duration>,
     fallback_action: Option<Vec<f32>>,
     warm_up_steps: u64,
-    reset_attempts: Option<u32>,
-    episode_length: u64,
-    stop_on_reset: bool,
+    resets: ResetSettings,
     batch: usize,
     seed: u64,
 }
@@ -35,9 +33,7 @@ impl ShieldBuilder {
             deadline: None,
             fallback_action: None,
             warm_up_steps: 0,
-            reset_attempts: Some(1),
-            episode_length: 500,
-            stop_on_reset: true,
+            resets: ResetSettings::default(),
             batch: 0,
             seed: 0,
         }
@@ -88,21 +84,21 @@ impl ShieldBuilder {
     /// Failed reset episodes in a row after which a hard reset is needed (default 1); `None`: never.
     #[must_use]
     pub fn reset_attempts(mut self, limit: Option<u32>) -> Self {
-        self.reset_attempts = limit;
+        self.resets.attempts = limit;
         self
     }
 
     /// Steps after which a reset episode that has not seen the reset set has failed. Default: 500.
     #[must_use]
     pub fn episode_length(mut self, steps: u64) -> Self {
-        self.episode_length = steps;
+        self.resets.episode_length = steps;
         self
     }
 
     /// Whether a reset episode ends as soon as the reset set is reached. Default: true.
     #[must_use]
     pub fn stop_on_reset(mut self, stops: bool) -> Self {
-        self.stop_on_reset = stops;
+        self.resets.stop_on_reset = stops;
         self
     }
 
@@ -121,16 +117,12 @@ impl ShieldBuilder {
         if self.rules.is_empty() {
             return Err(Error::invalid_config("a shield without any rule would never abort"));
         }
-        if self.reset_attempts == Some(0) || self.episode_length == 0 {
+        if self.resets.attempts == Some(0) || self.resets.episode_length == 0 {
             return Err(Error::invalid_config(
                 "there is at least one attempt to reset, of at least one step",
             ));
         }
-        let fallback_action = self.fallback_action.unwrap_or_else(|| {
-            let mut nearest_to_zero = vec![0.0; self.spaces.action_len()];
-            self.spaces.action.clamp(&mut nearest_to_zero);
-            nearest_to_zero
-        });
+        let fallback_action = self.fallback_action.unwrap_or_else(|| nearest_to_zero(&self.spaces.action));
         let (spaces, warm_up_steps) = (self.spaces.clone(), self.warm_up_steps);
         let settings = LadderSettings { spaces, warm_up_steps, fallback_action };
         let mut ladder = Ladder::new(RuleTree::All(self.rules), &*self.reset_agent, settings)?;
@@ -141,20 +133,7 @@ impl ShieldBuilder {
             ladder = ladder.with_deadline(deadline);
         }
         let sampler = Pcg64::seed_from_u64(self.seed);
-        Ok(Shield {
-            ladder,
-            reset_agent: Agent::new(AgentRole::Reset, self.reset_agent, self.batch, &self.spaces, sampler),
-            attempts: Attempts::new(self.reset_attempts),
-            episode_length: self.episode_length,
-            stop_on_reset: self.stop_on_reset,
-            explores: self.batch > 0,
-            phase: Phase::Forward,
-            steps: 0,
-            reset_steps: 0,
-            has_visited: false,
-            needs_hard_reset: false,
-            has_previous: false,
-            previous: vec![0.0; self.spaces.action_len()],
-        })
+        let reset_agent = Agent::new(AgentRole::Reset, self.reset_agent, self.batch, &self.spaces, sampler);
+        Ok(Shield::new(ladder, reset_agent, self.resets, self.batch > 0))
     }
 }

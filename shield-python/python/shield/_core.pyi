@@ -1,0 +1,48 @@
+import os
+from typing import Final, final
+
+import numpy as np
+import numpy.typing as npt
+
+__version__: Final[str]
+
+class ConfigError(ValueError):
+    """A setting that must be changed, with its place."""
+
+class ShieldError(RuntimeError):
+    """The shield or a plugin of it failed."""
+
+def usual_config(is_discrete: bool) -> str:
+    """The configuration, as RON, that is used for a box of actions or for a choice of them."""
+
+@final
+class Core:
+    rules: list[str]
+    has_reset_task: bool
+    def __new__(
+        cls,
+        observation: tuple[list[float], list[float]],
+        action: tuple[list[float], list[float]] | int,
+        config: str | os.PathLike[str] | None,
+        sets: list[tuple[str, str, str]],
+        plugins: str | os.PathLike[str],
+        tensorboard: str | os.PathLike[str] | None,
+    ) -> Core: ...
+    def filter(
+        self, observation: npt.NDArray[np.float32], action: npt.NDArray[np.float32]
+    ) -> tuple[str, float, int, str, str]: ...
+    def observe(
+        self, observation: npt.NDArray[np.float32], signal: tuple[float, bool] | None, terminated: bool
+    ) -> None: ...
+    def hard_reset_done(self, observation: npt.NDArray[np.float32]) -> None: ...
+    def begin_reset(self) -> bool: ...
+    def require_hard_reset(self) -> None: ...
+    @property
+    def is_resetting(self) -> bool: ...
+    @property
+    def needs_hard_reset(self) -> bool: ...
+    @property
+    def is_placed(self) -> bool: ...
+    def metrics(self) -> dict[str, float]: ...
+    def save(self, path: str | os.PathLike[str]) -> None: ...
+    def load(self, path: str | os.PathLike[str]) -> None: ...

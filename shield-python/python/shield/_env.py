@@ -1,0 +1,179 @@
+"""The shield as a Gymnasium wrapper."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from typing import Any, SupportsFloat
+
+import gymnasium
+from gymnasium.utils import RecordConstructorArgs
+
+from ._shield import Decision, Shield
+
+
+class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
+    """An environment in which any agent is shielded and need not know.
+
+    A step whose action is aborted is not executed: the observation is as before, the reward is `abort_reward`, `truncated` is True. The next `reset()` lets
+    the reset agent undo what was done; the environment itself is reset only when that fails `reset_attempts` times in a row, when it has
+    terminated, or when `reset` is given a seed or options. Nothing is aborted in the first `warm_up_steps`.
+
+    `info["shield"]` of a step has the keys `verdict`, `proposed`, `executed`, `reset_value`, `rule`, `cause` and `reason`, as in `Decision`; of an aborted
+    step `executed` is NaN, or for a Discrete action space one less than its first action. `info["shield"]` of a reset has `hard_reset` and `steps`, those of the
+    reset agent.
+
+    The other arguments are those of `Shield`; `episode_length` is the time limit of the environment if it has one and nothing else is said.
+    """
+
+    def __init__(
+        self,
+        env: gymnasium.Env[Any, Any],
+        reset_reward: Callable[[Any], float] | None = None,
+        in_reset_set: Callable[[Any], bool] | None = None,
+        config: str | os.PathLike[str] | None = None,
+        *,
+        abort_reward: float = 0.0,
+        tensorboard: str | os.PathLike[str] | None = None,
+        q_min: float | None = None,
+        warm_up_steps: int | None = None,
+        reset_attempts: int | str | None = None,
+        episode_length: int | None = None,
+        updates_per_step: int | None = None,
+        seed: int | None = None,
+        threads: int | None = None,
+        overrides: Mapping[str, Any] | None = None,
+    ) -> None:
+        settings: dict[str, Any] = dict(
+            reset_reward=reset_reward,
+            in_reset_set=in_reset_set,
+            config=config,
+            tensorboard=tensorboard,
+            q_min=q_min,
+            warm_up_steps=warm_up_steps,
+            reset_attempts=reset_attempts,
+            episode_length=episode_length,
+            updates_per_step=updates_per_step,
+            seed=seed,
+            threads=threads,
+            overrides=overrides,
+        )
+        RecordConstructorArgs.__init__(self, _disable_deepcopy=True, abort_reward=abort_reward, **settings)
+        gymnasium.Wrapper.__init__(self, env)
+        self._time_limits = time_limits(env)
+        if episode_length is None and config is None and self._time_limits:
+            settings["episode_length"] = min(limit._max_episode_steps for limit in self._time_limits)
+        self.abort_reward = float(abort_reward)
+        #: The shield itself.
+        self.shield = Shield(env.observation_space, env.action_space, **settings)
+        self._nothing = self.shield._actions.nothing()
+        self._observation: Any = None
+        self._is_placed = False
+        # Whether something was interrupted between an action and what it led to.
+        self._is_lost = False
+
+    def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
+        shield = self.shield
+        if not self._is_placed or self._is_lost or shield.resetting or shield.needs_hard_reset:
+            raise gymnasium.error.ResetNeeded(self._why_not())
+        decision = shield._decide(action)
+        if not decision.allowed:
+            return self._observation, self.abort_reward, False, True, {"shield": report(decision, self._nothing)}
+        observation, reward, terminated, truncated, info = self._execute(decision.action)
+        info["shield"] = report(decision, decision.action)
+        return observation, reward, terminated, truncated, info
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        steps = 0
+        if self._is_placed and not self._is_lost and seed is None and not options:
+            steps = self._undo()
+            if not self.shield.needs_hard_reset:
+                for limit in self._time_limits:
+                    limit._elapsed_steps = 0
+                return self._observation, {"shield": {"hard_reset": False, "steps": steps}}
+        self._is_lost = True
+        observation, info = self.env.reset(seed=seed, options=options)
+        self.shield.hard_reset_done(observation)
+        self._observation, self._is_placed, self._is_lost = observation, True, False
+        info["shield"] = {"hard_reset": True, "steps": steps}
+        return observation, info
+
+    def run(self, policy: Callable[[Any], Any], steps: int, *, seed: int | None = None) -> list[float]:
+        """Lets a finished policy, a function from observation to action, act for so many steps. Returns the return of each episode."""
+        observation, _ = self.reset(seed=seed)
+        returns = [0.0]
+        for _ in range(steps):
+            observation, reward, terminated, truncated, _ = self.step(policy(observation))
+            returns[-1] += float(reward)
+            if terminated or truncated:
+                observation, _ = self.reset()
+                returns.append(0.0)
+        return returns
+
+    def metrics(self) -> dict[str, float]:
+        """Counts since the beginning, and the reset agent's figures."""
+        return self.shield.metrics()
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Writes everything that the shield has learned and counted into a file."""
+        self.shield.save(path)
+
+    def load(self, path: str | os.PathLike[str]) -> None:
+        """Goes on from a file of a shield with the same configuration. The next `reset` is the environment's own."""
+        self.shield.load(path)
+
+    def _execute(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
+        # Whatever is raised from here on, nobody knows where the environment stands.
+        self._is_lost = True
+        observation, reward, terminated, truncated, info = self.env.step(action)
+        self.shield.observe(observation, terminated=bool(terminated))
+        if truncated and not self._is_out_of_time():
+            # It has ended its episode by itself, and does not promise to go on from here.
+            self.shield.require_hard_reset()
+        self._observation, self._is_lost = observation, False
+        return observation, reward, terminated, truncated, info
+
+    def _undo(self) -> int:
+        """Lets the reset agent act until its episode is over; returns the number of its steps."""
+        shield, steps = self.shield, 0
+        shield.begin_reset()
+        while shield.resetting:
+            self._execute(shield._reset_action())
+            steps += 1
+        return steps
+
+    def _is_out_of_time(self) -> bool:
+        return any(limit._elapsed_steps >= limit._max_episode_steps for limit in self._time_limits)
+
+    def _why_not(self) -> str:
+        if not self._is_placed:
+            return "call reset() before step()"
+        if self._is_lost:
+            return "the last step was interrupted, so that nobody knows where the environment stands: call reset()"
+        if self.shield.resetting:
+            return "the last action was aborted: call reset(), which lets the reset agent undo what was done"
+        return "the environment has ended, or the reset agent has given up: call reset()"
+
+
+def report(decision: Decision, executed: Any) -> dict[str, Any]:
+    return {
+        "verdict": decision.verdict,
+        "proposed": decision.proposed,
+        "executed": executed,
+        "reset_value": decision.reset_value,
+        "rule": decision.rule,
+        "cause": decision.cause,
+        "reason": decision.reason,
+    }
+
+
+def time_limits(env: gymnasium.Env[Any, Any]) -> list[Any]:
+    """The wrappers inside that end episodes by the clock: a reset agent goes on from there, and sets it back."""
+    found = []
+    while isinstance(env, gymnasium.Wrapper):
+        if isinstance(env, gymnasium.wrappers.TimeLimit):
+            found.append(env)
+        env = env.env
+    return found

@@ -1,0 +1,254 @@
+//! `shield._core`: the runtime's drop-in shield, for the package `shield` around it.
+//!
+//! Arrays are copied before anything is done with them, and the interpreter is let go while the shield decides and learns.
+#![forbid(unsafe_code)]
+
+use std::{path::PathBuf, sync::Mutex};
+
+use numpy::{PyReadonlyArray1, PyReadwriteArray1};
+use pyo3::{
+    create_exception,
+    exceptions::{PyRuntimeError, PyValueError},
+    prelude::*,
+    sync::MutexExt,
+    types::PyDict,
+};
+use shield_api::{Phase, ResetSignal, Space, Spaces};
+use shield_runtime::{
+    decision::Decision,
+    drop_in::{Defaults, DropIn},
+    experiment::{DropInFile, InputError, Override},
+    plugin::{Registry, SearchPath},
+};
+
+create_exception!(shield, ConfigError, PyValueError, "A setting that must be changed, with its place.");
+create_exception!(shield, ShieldError, PyRuntimeError, "The shield or a plugin of it failed.");
+
+fn config_error(error: InputError) -> PyErr {
+    ConfigError::new_err(error.to_string())
+}
+
+fn failed(error: impl std::fmt::Display) -> PyErr {
+    ShieldError::new_err(error.to_string())
+}
+
+/// An action space as the package gives it.
+#[derive(FromPyObject)]
+enum Actions {
+    Choices(usize),
+    Bounds((Vec<f32>, Vec<f32>)),
+}
+
+/// What was decided: verdict, the reset ensemble's mean value, the rule's number (−1: none), cause and reason.
+type Verdict<'a> = (&'static str, f32, i64, String, String);
+
+struct Inside {
+    drop_in: DropIn,
+    observation: Vec<f32>,
+    action: Vec<f32>,
+}
+
+/// A drop-in shield. The package's `Shield` gives it arrays of the right shape and type.
+#[pyclass(frozen, module = "shield._core")]
+struct Core {
+    inside: Mutex<Inside>,
+    /// The ids of the rules, in the order in which the shield counts them.
+    #[pyo3(get)]
+    rules: Vec<String>,
+    #[pyo3(get)]
+    has_reset_task: bool,
+}
+
+impl Core {
+    /// Hands the shield to `body` without holding the interpreter.
+    fn with<R: Send>(&self, py: Python<'_>, body: impl FnOnce(&mut Inside) -> R + Send) -> PyResult<R> {
+        let mut inside = self.inside.lock_py_attached(py).map_err(|_| failed("the shield panicked"))?;
+        let inside: &mut Inside = &mut inside;
+        Ok(py.detach(move || body(inside)))
+    }
+
+    fn look<R>(&self, py: Python<'_>, body: impl FnOnce(&DropIn) -> R) -> PyResult<R> {
+        let inside = self.inside.lock_py_attached(py).map_err(|_| failed("the shield panicked"))?;
+        Ok(body(&inside.drop_in))
+    }
+}
+
+/// Copies an array, whose length the package has seen to.
+fn copy(name: &str, array: &PyReadonlyArray1<'_, f32>, into: &mut [f32]) -> PyResult<()> {
+    let array = array.as_slice()?;
+    if array.len() != into.len() {
+        let message = format!("{name} has {} numbers, not {}", array.len(), into.len());
+        return Err(PyValueError::new_err(message));
+    }
+    into.copy_from_slice(array);
+    Ok(())
+}
+
+#[pymethods]
+impl Core {
+    /// `observation`: lower and upper bounds. `action`: the same, or a number of choices. `config`: a RON file; without one, the usual
+    /// configuration. `sets`: path, RON value, and what the user had written. `plugins`: the folder of the wheel.
+    #[new]
+    #[pyo3(signature = (observation, action, config, sets, plugins, tensorboard))]
+    fn new(
+        py: Python<'_>,
+        observation: (Vec<f32>, Vec<f32>),
+        action: Actions,
+        config: Option<PathBuf>,
+        sets: Vec<(String, String, String)>,
+        plugins: PathBuf,
+        tensorboard: Option<PathBuf>,
+    ) -> PyResult<Self> {
+        let as_box = |(low, high)| Space::Box { low, high };
+        let action = match action {
+            Actions::Choices(n) => Space::Discrete { n },
+            Actions::Bounds(bounds) => as_box(bounds),
+        };
+        let spaces = Spaces { observation: as_box(observation), action };
+        for (name, space) in [("observation", &spaces.observation), ("action", &spaces.action)] {
+            space.validate(name).map_err(|error| ConfigError::new_err(error.message().to_owned()))?;
+        }
+        py.detach(move || {
+            let sets = sets.iter().map(|(path, value, written)| Override::new(path, value, written));
+            let sets = sets.collect::<Result<Vec<_>, _>>().map_err(config_error)?;
+            let file = match config {
+                Some(path) => DropInFile::read(path, &sets),
+                None => Defaults::of(&spaces.action).file(&sets),
+            };
+            let file = file.map_err(config_error)?;
+            let registry = Registry::scan(&SearchPath::beside(&plugins));
+            let mut drop_in = DropIn::open(&registry, &file, Some(spaces)).map_err(config_error)?;
+            if let Some(folder) = tensorboard {
+                drop_in.log_to(&folder).map_err(failed)?;
+            }
+            let rules = file.config.rules().map(|choice| choice.plugin.clone()).collect();
+            let observation = vec![0.0; drop_in.spaces().observation_len()];
+            let action = vec![0.0; drop_in.spaces().action_len()];
+            let inside = Mutex::new(Inside { drop_in, observation, action });
+            Ok(Self { inside, rules, has_reset_task: file.config.reset_task.is_some() })
+        })
+    }
+
+    /// Decides on an action; afterwards `action` holds what may be executed.
+    fn filter(
+        &self,
+        py: Python<'_>,
+        observation: PyReadonlyArray1<'_, f32>,
+        mut action: PyReadwriteArray1<'_, f32>,
+    ) -> PyResult<Verdict<'static>> {
+        let mut inside = self.inside.lock_py_attached(py).map_err(|_| failed("the shield panicked"))?;
+        let inside: &mut Inside = &mut inside;
+        copy("the observation", &observation, &mut inside.observation)?;
+        copy("the action", &action, &mut inside.action)?;
+        let decision = py.detach(|| inside.drop_in.filter(&inside.observation, &mut inside.action));
+        action.as_slice_mut()?.copy_from_slice(&inside.action);
+        Ok(verdict(&inside.drop_in, decision.map_err(failed)?))
+    }
+
+    /// What was executed led to this observation. `signal`: reset reward and whether it is in the reset set, if there is no reset task.
+    fn observe(
+        &self,
+        py: Python<'_>,
+        observation: PyReadonlyArray1<'_, f32>,
+        signal: Option<(f32, bool)>,
+        terminated: bool,
+    ) -> PyResult<()> {
+        let signal = signal.map(|(reward, in_reset_set)| ResetSignal { reward, in_reset_set });
+        self.seen(py, &observation, |drop_in, seen| drop_in.observe(seen, signal, terminated))
+    }
+
+    /// Everything is at its start, where this is observed.
+    fn hard_reset_done(&self, py: Python<'_>, observation: PyReadonlyArray1<'_, f32>) -> PyResult<()> {
+        self.seen(py, &observation, DropIn::hard_reset_done)
+    }
+
+    /// Hands over to the reset agent; returns whether it is in charge.
+    fn begin_reset(&self, py: Python<'_>) -> PyResult<bool> {
+        self.with(py, |inside| inside.drop_in.begin_reset())
+    }
+
+    fn require_hard_reset(&self, py: Python<'_>) -> PyResult<()> {
+        self.with(py, |inside| inside.drop_in.require_hard_reset())
+    }
+
+    #[getter]
+    fn is_resetting(&self, py: Python<'_>) -> PyResult<bool> {
+        self.look(py, |drop_in| drop_in.phase() == Phase::Reset)
+    }
+
+    #[getter]
+    fn needs_hard_reset(&self, py: Python<'_>) -> PyResult<bool> {
+        self.look(py, DropIn::needs_hard_reset)
+    }
+
+    #[getter]
+    fn is_placed(&self, py: Python<'_>) -> PyResult<bool> {
+        self.look(py, DropIn::is_placed)
+    }
+
+    fn metrics<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+        let metrics = PyDict::new(py);
+        let mut taken = Ok(());
+        self.look(py, |drop_in| {
+            drop_in.metrics(&mut |name, value| {
+                if taken.is_ok() {
+                    taken = metrics.set_item(name, value);
+                }
+            });
+        })?;
+        taken.map(|()| metrics)
+    }
+
+    fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        self.with(py, |inside| inside.drop_in.save(&path))?.map_err(failed)
+    }
+
+    fn load(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
+        self.with(py, |inside| inside.drop_in.load(&path))?.map_err(failed)
+    }
+}
+
+impl Core {
+    fn seen(
+        &self,
+        py: Python<'_>,
+        observation: &PyReadonlyArray1<'_, f32>,
+        body: impl FnOnce(&mut DropIn, &[f32]) -> shield_api::Result<()> + Send,
+    ) -> PyResult<()> {
+        let mut inside = self.inside.lock_py_attached(py).map_err(|_| failed("the shield panicked"))?;
+        let inside: &mut Inside = &mut inside;
+        copy("the observation", observation, &mut inside.observation)?;
+        py.detach(|| body(&mut inside.drop_in, &inside.observation)).map_err(failed)
+    }
+}
+
+fn verdict(drop_in: &DropIn, decision: Decision) -> Verdict<'static> {
+    let name = match decision {
+        Decision::Allow => "allow",
+        Decision::WarmUp => "warm_up",
+        Decision::Project(_) => "project",
+        Decision::Abort(_) => "abort",
+        Decision::Resetting => "resetting",
+    };
+    let rejection = decision.abort().or(decision.projection().map(|projection| projection.rejection));
+    let Some(rejection) = rejection else {
+        return (name, drop_in.reset_value(), -1, String::new(), String::new());
+    };
+    let rule = rejection.rule.and_then(|rule| i64::try_from(rule).ok()).unwrap_or(-1);
+    (name, drop_in.reset_value(), rule, rejection.cause.to_string(), drop_in.shield().reason().to_owned())
+}
+
+/// The configuration that is used for a box of actions, or for a choice of them.
+#[pyfunction]
+fn usual_config(is_discrete: bool) -> &'static str {
+    if is_discrete { Defaults::Discrete } else { Defaults::Box }.text()
+}
+
+#[pymodule]
+fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
+    module.add_class::<Core>()?;
+    module.add_function(wrap_pyfunction!(usual_config, module)?)?;
+    module.add("ConfigError", module.py().get_type::<ConfigError>())?;
+    module.add("ShieldError", module.py().get_type::<ShieldError>())?;
+    module.add("__version__", env!("CARGO_PKG_VERSION"))
+}

@@ -1,0 +1,129 @@
+//! From a configuration to a shield that can decide.
+
+use std::path::Path;
+
+use shield_api::{Result, Setup, Space, Spaces};
+
+use super::{DropIn, Learning};
+use crate::{
+    agent::Agent,
+    experience::{AgentRole, Experience},
+    experiment::{DropInConfig, DropInFile, InputError, Override},
+    plugin::{self, Registry},
+    shield::{ResetSettings, Shield},
+    workshop::{Stream, Workshop},
+};
+
+/// The configurations that are used where none is given.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Defaults {
+    /// For a box of actions.
+    Box,
+    /// For a choice of actions.
+    Discrete,
+}
+
+impl Defaults {
+    /// Those that fit an action space.
+    pub fn of(action: &Space) -> Self {
+        match action {
+            Space::Box { .. } => Self::Box,
+            Space::Discrete { .. } => Self::Discrete,
+        }
+    }
+
+    /// As RON.
+    pub fn text(self) -> &'static str {
+        match self {
+            Self::Box => include_str!("box.ron"),
+            Self::Discrete => include_str!("discrete.ron"),
+        }
+    }
+
+    /// With overrides.
+    ///
+    /// # Errors
+    /// An override does not fit.
+    pub fn file(self, sets: &[Override]) -> std::result::Result<DropInFile, InputError> {
+        DropInFile::from_text("the usual configuration", self.text(), sets)
+    }
+}
+
+impl DropIn {
+    /// Loads and configures everything that `file` names, for an environment with these spaces; without any, for those in the file.
+    ///
+    /// # Errors
+    /// A plugin is missing or broken, refuses its configuration, or does not fit the others; there are no spaces, or two different ones.
+    pub fn open(
+        registry: &Registry,
+        file: &DropInFile,
+        spaces: Option<Spaces>,
+    ) -> std::result::Result<Self, InputError> {
+        let DropInFile { config, source } = file;
+        let (pins, threads, seed) = (&config.pins, config.threads, config.seed);
+        let workshop = Workshop { registry, source, pins, threads, seed };
+        let spaces = spaces_of(file, spaces)?;
+        let task = match &config.reset_task {
+            None => None,
+            Some(choice) => {
+                let seed = workshop.derived_seed(Stream::ResetTask);
+                let setup = Setup::with_spaces(seed, threads, plugin::host(), spaces.clone());
+                Some(workshop.reset_task(choice, &setup)?)
+            }
+        };
+        let learner = workshop.learner("reset", &config.reset, &workshop.setup(Stream::Reset, &spaces))?;
+        let ladder = workshop.ladder(&config.shield, &*learner, &spaces, Stream::Rules)?;
+        let settings = &config.experience;
+        let members = [0, learner.info().members];
+        let experience = Experience::new(settings.capacity, &spaces, members, settings.bootstrap_probability)
+            .map_err(|error| workshop.refused("experience.capacity", &error))?;
+        let sampler = workshop.generator(Stream::ResetBatches);
+        let agent = Agent::new(AgentRole::Reset, learner, settings.batch, &spaces, sampler);
+        let learns = settings.updates_per_step > 0;
+        let shield = Shield::new(ladder, agent, resets(config), learns);
+        let learning = Learning {
+            experience,
+            updates_per_step: settings.updates_per_step,
+            updates: settings.updates,
+            endings: settings.endings(),
+            cost_weight: settings.cost_weight,
+            masks: workshop.generator(Stream::Masks),
+        };
+        let drop_in = Self::new(shield, task).hard_reset_cost(config.hard_reset_cost);
+        Ok(if learns { drop_in.learning(learning) } else { drop_in })
+    }
+
+    /// Writes an event file for TensorBoard, `tensorboard/…` in `folder`, with what each episode comes to.
+    ///
+    /// # Errors
+    /// It cannot be written.
+    pub fn log_to(&mut self, folder: &Path) -> Result<()> {
+        self.figures.log_to(folder)
+    }
+}
+
+fn resets(config: &DropInConfig) -> ResetSettings {
+    let shield = &config.shield;
+    ResetSettings {
+        attempts: shield.reset_attempts.limit(),
+        episode_length: config.episode_length,
+        stop_on_reset: shield.stop_on_reset,
+        test: shield.reset_test,
+        between_attempts: shield.between_attempts,
+        shield_exploration: shield.shield_exploration,
+    }
+}
+
+fn spaces_of(file: &DropInFile, given: Option<Spaces>) -> std::result::Result<Spaces, InputError> {
+    let written = file.config.spaces.clone().map(crate::experiment::SpacesConfig::into_spaces);
+    let error = |message: &str| file.source.error_at("spaces", None, message);
+    match (given, written) {
+        (Some(given), Some(written)) if given != written => {
+            Err(error("these are not the spaces of the environment; leave them out"))
+        }
+        (Some(spaces), _) | (None, Some(spaces)) => Ok(spaces),
+        (None, None) => Err(error(
+            "the spaces are not known: for example `spaces: (observation: Unbounded(4), action: Box(low: [-1.0], high: [1.0]))`",
+        )),
+    }
+}

@@ -1,0 +1,147 @@
+//! Keeping what a drop-in has learned and counted, in a file.
+
+use std::{io, ops::Range, path::Path};
+
+use rand_pcg::Pcg64;
+use serde::{Deserialize, Serialize};
+use serde_bytes::ByteBuf;
+
+use super::DropIn;
+use crate::{
+    checkpoint::{
+        CheckpointError, PluginState,
+        file::{read, write},
+    },
+    observer::Counters,
+    shield::ShieldState,
+};
+
+/// Tells the file from that of a run.
+const KIND: &str = "shield drop-in 1";
+
+/// Why a state cannot be kept or used.
+#[derive(Debug, thiserror::Error)]
+pub enum StateError {
+    /// The file.
+    #[error(transparent)]
+    File(#[from] CheckpointError),
+    /// It belongs to another kind of program, or to other spaces.
+    #[error("{path}: {what}")]
+    Foreign {
+        /// The file.
+        path: String,
+        /// In which way.
+        what: String,
+    },
+    /// A plugin cannot save or refuses its state.
+    #[error("{0}")]
+    Plugin(shield_api::Error),
+}
+
+#[derive(Serialize, Deserialize)]
+struct DropInState {
+    kind: String,
+    observation_len: usize,
+    action_len: usize,
+    counters: Counters,
+    reset_successes: u64,
+    shield: ShieldState,
+    task: Option<PluginState>,
+    learned: Option<LearnedState>,
+}
+
+#[derive(Serialize, Deserialize)]
+struct LearnedState {
+    masks: Pcg64,
+    row_bytes: usize,
+    kept: Range<u64>,
+    rows: ByteBuf,
+}
+
+impl DropIn {
+    /// Writes the reset agent, the rules, the reset task, the experience and the counts into a file, in one step.
+    ///
+    /// # Errors
+    /// A plugin fails to save its state, or the file cannot be written.
+    pub fn save(&mut self, path: &Path) -> Result<(), StateError> {
+        let learned = self.learning.as_ref().map(|learning| {
+            let (experience, mut rows) = (&learning.experience, Vec::new());
+            experience.write_rows(experience.kept(), &mut rows);
+            LearnedState {
+                masks: learning.masks.clone(),
+                row_bytes: experience.row_bytes(),
+                kept: experience.kept(),
+                rows: rows.into(),
+            }
+        });
+        let state = DropInState {
+            kind: KIND.into(),
+            observation_len: self.observation.len(),
+            action_len: self.executed.len(),
+            counters: self.counters,
+            reset_successes: self.reset_successes,
+            shield: self.shield.save().map_err(StateError::Plugin)?,
+            task: self
+                .task
+                .as_ref()
+                .map(|task| PluginState::of(&**task))
+                .transpose()
+                .map_err(StateError::Plugin)?,
+            learned,
+        };
+        let path = absolute(path)?;
+        Ok(write(&path, None, &state)?)
+    }
+
+    /// Goes on from a file of a shield of the same configuration. Where the environment stands is not known: a hard reset is needed.
+    ///
+    /// # Errors
+    /// The file cannot be read or is damaged, belongs to other spaces, or a plugin refuses its state; then a hard reset is needed too, and what was
+    /// learned may be half of each.
+    pub fn load(&mut self, path: &Path) -> Result<(), StateError> {
+        let path = absolute(path)?;
+        let state: DropInState = read(&path)?;
+        let foreign = |what: String| StateError::Foreign { path: path.display().to_string(), what };
+        if state.kind != KIND {
+            return Err(foreign("it is not the state of a drop-in shield".into()));
+        }
+        let (found, own) =
+            ((state.observation_len, state.action_len), (self.observation.len(), self.executed.len()));
+        if found != own {
+            return Err(foreign(format!(
+                "it belongs to observations of {} and actions of {} numbers; here they have {} and {}",
+                found.0, found.1, own.0, own.1
+            )));
+        }
+        if let (Some(learning), Some(learned)) = (&self.learning, &state.learned) {
+            let (experience, length) = (&learning.experience, learned.kept.end - learned.kept.start);
+            let fits = experience.row_bytes() == learned.row_bytes
+                && length as usize <= experience.capacity()
+                && learned.rows.len() == length as usize * learned.row_bytes;
+            if !fits {
+                return Err(foreign("its experience has another capacity or another ensemble".into()));
+            }
+        }
+        self.restore(state).map_err(StateError::Plugin)
+    }
+
+    fn restore(&mut self, state: DropInState) -> shield_api::Result<()> {
+        self.shield.restore(&state.shield)?;
+        if let (Some(task), Some(state)) = (&mut self.task, &state.task) {
+            state.restore(&mut **task)?;
+        }
+        if let (Some(learning), Some(learned)) = (&mut self.learning, state.learned) {
+            learning.experience.expect_rows(learned.kept.clone());
+            learning.experience.read_rows(learned.kept.start, &learned.rows);
+            learning.masks = learned.masks;
+        }
+        (self.counters, self.reset_successes) = (state.counters, state.reset_successes);
+        (self.is_deciding, self.is_in_forward_episode) = (false, false);
+        Ok(())
+    }
+}
+
+/// The folder of a bare file name is the working folder.
+fn absolute(path: &Path) -> Result<std::path::PathBuf, CheckpointError> {
+    std::path::absolute(path).map_err(|error: io::Error| CheckpointError::io(path, error))
+}

@@ -1,0 +1,187 @@
+//! The shield in somebody else's loop.
+#![allow(clippy::unwrap_used, reason = "a test")]
+
+mod common;
+
+use common::{EPISODE, Rule, Scripted, spaces};
+use rand::SeedableRng;
+use rand_pcg::Pcg64;
+use shield_api::{AbortRule, Error, ErrorKind, Phase, ResetSignal, RuleVerdict};
+use shield_runtime::{
+    decision::{Cause, Decision},
+    drop_in::{DropIn, Learning},
+    experience::Experience,
+    experiment::{DropInFile, Endings, OnResetFailure, OnResetSuccess, Override, Updates},
+    shield::{Shield, ShieldBuilder},
+};
+
+/// Rejects actions above a half.
+fn moderate() -> Box<dyn AbortRule> {
+    Rule::judging(|context| Ok(RuleVerdict::from_safe(context.proposed[0] <= 0.5, context.proposed[0])))
+}
+
+fn builder(agent: Scripted) -> ShieldBuilder {
+    Shield::builder(spaces(), Box::new(agent)).rule(moderate()).episode_length(EPISODE as u64)
+}
+
+fn learning(updates: Updates, endings: Endings) -> Learning {
+    let experience = Experience::new(100, &spaces(), [0, 1], 1.0).unwrap();
+    Learning { updates, endings, ..Learning::new(experience, 1, Pcg64::seed_from_u64(0)) }
+}
+
+fn signal(cell: f32) -> Option<ResetSignal> {
+    Some(ResetSignal { reward: 1.0 - cell / 10.0, in_reset_set: cell == 0.0 })
+}
+
+/// One step of a loop in which every action leads by as much.
+fn step(drop_in: &mut DropIn, cell: &mut f32, proposed: f32) -> Decision {
+    let mut action = [proposed];
+    let decision = drop_in.filter(&[*cell], &mut action).unwrap();
+    *cell = (*cell + action[0]).max(0.0);
+    drop_in.observe(&[*cell], signal(*cell), false).unwrap();
+    decision
+}
+
+fn metric(drop_in: &DropIn, wanted: &str) -> f64 {
+    let mut found = f64::NAN;
+    drop_in.metrics(&mut |name, value| {
+        if name == wanted {
+            found = value
+        }
+    });
+    found
+}
+
+#[test]
+fn a_loop_is_counted_wrongly() {
+    let mut drop_in = DropIn::new(builder(Scripted::acting(|_, _| -1.0)).build().unwrap(), None);
+    let mut cell = 0.0;
+    for proposed in [0.5, 0.5, 0.5] {
+        assert_eq!(step(&mut drop_in, &mut cell, proposed), Decision::Allow);
+    }
+    assert!(
+        matches!(step(&mut drop_in, &mut cell, 0.75), Decision::Abort(abort) if abort.cause == Cause::Rejected)
+    );
+    assert_eq!((drop_in.phase(), cell), (Phase::Reset, 0.5));
+    assert_eq!(step(&mut drop_in, &mut cell, 0.5), Decision::Resetting);
+    assert_eq!((drop_in.phase(), cell), (Phase::Forward, 0.0));
+    assert!(!drop_in.begin_reset(), "there is nothing to undo");
+    step(&mut drop_in, &mut cell, 0.5);
+    assert!(drop_in.begin_reset());
+    let names =
+        ["steps", "forward_steps", "forward_episodes", "reset_episodes", "early_aborts", "hard_resets"];
+    let found = names.map(|name| metric(&drop_in, name));
+    assert_eq!(found, [6.0, 4.0, 2.0, 2.0, 1.0, 0.0]);
+    assert_eq!(metric(&drop_in, "reset_successes"), 1.0);
+}
+
+#[test]
+fn the_agent_learns_from_other_steps_or_ends_than_it_should() {
+    let usual = Endings::default();
+    let strict = Endings { on_success: OnResetSuccess::Terminal, on_failure: OnResetFailure::Zero };
+    // Two forward steps, then a reset episode that fails (it stays), continuations of what is learned from.
+    for (updates, endings, learned, last) in [
+        (Updates::Both, usual, 2 + EPISODE, 1.0),
+        (Updates::Active, usual, EPISODE, 1.0),
+        (Updates::Both, strict, 2 + EPISODE, 0.0),
+    ] {
+        let agent = Scripted::acting(|_, _| 0.0);
+        let seen = agent.seen.clone();
+        let shield = builder(agent).learning(1, 0).build().unwrap();
+        let mut drop_in = DropIn::new(shield, None).learning(learning(updates, endings));
+        let mut cell = 1.0;
+        for _ in 0..2 {
+            step(&mut drop_in, &mut cell, 0.5);
+        }
+        drop_in.begin_reset();
+        for _ in 0..EPISODE {
+            step(&mut drop_in, &mut cell, 0.5);
+        }
+        assert!(drop_in.needs_hard_reset());
+        assert_eq!(seen.lock().unwrap().len(), learned, "{updates:?}");
+        // Uniform draws of a memory that holds the last step among others: it is seen sooner or later.
+        for _ in 0..200 {
+            drop_in.hard_reset_done(&[1.0]).unwrap();
+            step(&mut drop_in, &mut 1.0, 0.5);
+            drop_in.begin_reset();
+            step(&mut drop_in, &mut 1.0, 0.5);
+        }
+        let continuations = seen.lock().unwrap().iter().map(|seen| seen.1).fold(1.0, f32::min);
+        assert_eq!(continuations, last, "{endings:?}");
+    }
+}
+
+#[test]
+fn what_goes_wrong_is_executed_over() {
+    let mut drop_in = DropIn::new(builder(Scripted::acting(|_, _| -1.0)).build().unwrap(), None);
+    assert!(drop_in.observe(&[0.0], signal(0.0), false).is_err(), "nothing was decided");
+    drop_in.hard_reset_done(&[0.0]).unwrap();
+    for (next, given) in [
+        (vec![f32::NAN], signal(0.0)),
+        (vec![0.0, 0.0], signal(0.0)),
+        (vec![0.0], None),
+        (vec![0.0], Some(ResetSignal { reward: f32::NAN, in_reset_set: false })),
+    ] {
+        drop_in.filter(&[0.0], &mut [0.5]).unwrap();
+        assert!(drop_in.observe(&next, given, false).is_err());
+        assert!(drop_in.needs_hard_reset());
+        let mut action = [0.5];
+        let refused = drop_in.filter(&[0.0], &mut action).unwrap();
+        assert_eq!((refused.abort().unwrap().cause, action), (Cause::AwaitsHardReset, [0.0]));
+        drop_in.hard_reset_done(&[0.0]).unwrap();
+    }
+    // The environment has ended.
+    drop_in.filter(&[0.0], &mut [0.5]).unwrap();
+    drop_in.observe(&[1.0], signal(1.0), true).unwrap();
+    assert!(drop_in.needs_hard_reset() && !drop_in.begin_reset());
+    assert!(drop_in.hard_reset_done(&[f32::INFINITY]).is_err() && drop_in.needs_hard_reset());
+}
+
+#[test]
+fn a_broken_rule_aborts_for_ever_without_a_word() {
+    let broken = Rule::judging(|_| Err(Error::new(ErrorKind::Panicked, "the rule panicked")));
+    let shield = Shield::builder(spaces(), Box::new(Scripted::acting(|_, _| -1.0))).rule(broken);
+    let mut drop_in = DropIn::new(shield.build().unwrap(), None);
+    let mut action = [0.5];
+    let error = drop_in.filter(&[0.0], &mut action).unwrap_err();
+    assert!(error.message().contains("cannot decide any more"), "{error}");
+    assert_eq!(action, [-1.0]);
+}
+
+/// What a text is refused for.
+fn fault(text: &str) -> String {
+    DropInFile::from_text("x.ron", text, &[]).unwrap_err().to_string()
+}
+
+#[test]
+fn a_configuration_that_cannot_work_is_accepted_or_has_no_place() {
+    const RULES: &str = "rules: [(plugin: \"r\")]";
+    let with = |fields: &str| format!("DropIn(\n reset: (plugin: \"a\"),\n {fields}\n)");
+    for (fields, wanted) in [
+        ("shield: ()", "x.ron:3:10: a shield without any rule"),
+        (&format!("shield: ({RULES}, on_abort: Truncate)"), "x.ron:3:45: what an agent of yours learns"),
+        (&format!("shield: ({RULES}, projection: Best)"), "the values of an agent of yours"),
+        (&format!("shield: ({RULES}), episode_length: 0"), "at least one step"),
+        (&format!("shield: ({RULES}), threads: 0"), "at least one thread"),
+        (&format!("shield: ({RULES}), hard_reset_cost: -1.0"), "the cost of a hard reset is -1"),
+        (&format!("shield: ({RULES}), evaluation: None"), "x.ron:3:"),
+        (&format!("shield: ({RULES}), pins: {{\"b\": \"{}\"}}", "0".repeat(64)), "no plugin of that id"),
+        (
+            &format!("shield: ({RULES}), spaces: (observation: Unbounded(0), action: Discrete(2))"),
+            "observation space",
+        ),
+        (
+            &format!("shield: ({RULES}), reset_task: (plugin: \"t\", isolate: true)"),
+            "only environments and policies",
+        ),
+    ] {
+        let found = fault(&with(fields));
+        assert!(found.contains(wanted), "{fields}: {found}");
+    }
+    let sets = [Override::new("shield.warm_up_steps", "7", "warm_up_steps=7").unwrap()];
+    let file = DropInFile::from_text("x.ron", &with(&format!("shield: ({RULES})")), &sets).unwrap();
+    assert_eq!(file.config.shield.warm_up_steps, 7);
+    let wrong = [Override::new("shield.warm_up_steps", "-7", "warm_up_steps=-7").unwrap()];
+    let error = DropInFile::from_text("x.ron", &with(&format!("shield: ({RULES})")), &wrong).unwrap_err();
+    assert!(error.to_string().starts_with("warm_up_steps=-7:"), "{error}");
+}

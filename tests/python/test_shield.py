@@ -1,0 +1,83 @@
+import threading
+import time
+
+import numpy as np
+import shield
+from gymnasium import spaces
+from worlds import BELOW_HALF, near_start
+
+SPACES = (spaces.Box(-2, 2, (1,)), spaces.Box(-1, 1, (1,)))
+
+
+def test_a_control_loop_without_gymnasium_falls_or_is_not_taken_back():
+    guard = shield.Shield(*SPACES, in_reset_set=near_start, overrides=BELOW_HALF, episode_length=10_000)
+    position, seen = 0.0, []
+    for step in range(300):
+        decision = guard.filter(np.array([position]), np.array([0.75 if step == 9 else 0.5], np.float32))
+        seen.append(decision.verdict)
+        assert decision.allowed == (decision.verdict == "allow")
+        position += 0.1 * float(decision.action[0])
+        guard.observe(np.array([position]))
+        if seen[-1] == "resetting" and not guard.resetting:
+            break
+    assert seen[:10] == ["allow"] * 9 + ["abort"] and set(seen[10:]) == {"resetting"}
+    assert near_start([position]) and guard.metrics()["reset_successes"] == 1
+
+
+def test_nothing_tells_that_the_reset_agent_has_given_up():
+    guard = shield.Shield(*SPACES, in_reset_set=lambda _: False, overrides=BELOW_HALF, episode_length=2)
+    start = np.zeros(1)
+    guard.filter(start, np.array([0.75], np.float32))
+    for _ in range(2):
+        assert guard.resetting
+        guard.filter(start, np.zeros(1, np.float32))
+        guard.observe(start)
+    assert guard.needs_hard_reset
+    refused = guard.filter(start, np.array([0.25], np.float32))
+    assert (refused.verdict, refused.cause, refused.action.tolist()) == ("abort", "awaits_hard_reset", [0.0])
+    guard.hard_reset_done(start)
+    assert guard.filter(start, np.array([0.25], np.float32)).allowed
+    assert guard.metrics()["hard_resets"] == 1
+
+
+def test_the_interpreter_is_held_while_the_ensemble_learns():
+    large = {
+        "reset.config.critic_hidden": [400, 300],
+        "reset.config.actor_hidden": [400, 300],
+        "reset.config.critics": 20,
+        "experience.batch": 256,
+    }
+    guard = shield.Shield(*SPACES, in_reset_set=near_start, overrides=large, updates_per_step=20)
+    ticks, stop = [], threading.Event()
+
+    def tick():
+        while not stop.is_set():
+            ticks.append(time.perf_counter())
+            time.sleep(0.001)
+
+    observation, action = np.zeros(1), np.zeros(1, np.float32)
+    for _ in range(255):
+        guard.filter(observation, action)
+        guard.observe(observation)
+    thread = threading.Thread(target=tick)
+    thread.start()
+    before = len(ticks)
+    guard.filter(observation, action)
+    guard.observe(observation)
+    during = len(ticks) - before
+    stop.set()
+    thread.join()
+    assert during > 5, f"another thread ran {during} times during twenty updates"
+
+
+def test_two_shields_mix_their_figures():
+    quick = {"experience.batch": 4}
+    learning, idle = (
+        shield.Shield(*SPACES, in_reset_set=near_start, overrides=quick, updates_per_step=updates)
+        for updates in (1, 0)
+    )
+    for _ in range(10):
+        for guard in (learning, idle):
+            guard.filter(np.zeros(1), np.zeros(1, np.float32))
+            guard.observe(np.zeros(1))
+    assert "reset/critic_loss" in learning.metrics() and "reset/critic_loss" not in idle.metrics()

@@ -1,0 +1,237 @@
+import math
+import pickle
+
+import gymnasium
+import numpy as np
+import pytest
+import shield
+from gymnasium import spaces
+from gymnasium.utils.env_checker import check_env
+from worlds import BELOW_HALF, Table, near_start, table
+
+
+def act(value):
+    return np.array([value], np.float32)
+
+
+def shielded(env=None, in_reset_set=near_start, overrides=BELOW_HALF, **arguments):
+    return shield.ShieldedEnv(env or table(), in_reset_set=in_reset_set, overrides=overrides, **arguments)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: table(),
+        lambda: table(observed="dict"),
+        lambda: table(chosen=True),
+        lambda: gymnasium.make("CartPole-v1"),
+        lambda: gymnasium.make("Pendulum-v1"),
+        lambda: gymnasium.make("InvertedPendulum-v5"),
+    ],
+)
+def test_gymnasiums_checker_refuses_the_wrapped_environment(make):
+    check_env(shield.ShieldedEnv(make()), skip_render_check=True)
+
+
+def test_a_registered_environment_cannot_be_made_again_from_its_spec():
+    env = shield.ShieldedEnv(gymnasium.make("CartPole-v1"), q_min=0.3)
+    again = env.spec.make()
+    assert isinstance(again, shield.ShieldedEnv)
+    again.reset(seed=1)
+    again.step(0)
+
+
+def test_a_rejected_action_is_executed_or_unexplained():
+    env = shielded()
+    before, _ = env.reset(seed=0)
+    observation, reward, terminated, truncated, info = env.step(act(0.25))
+    assert (terminated, truncated, env.unwrapped.executed) == (False, False, [0.25])
+    assert info["shield"]["verdict"] == "allow" and info["shield"]["executed"] is info["shield"]["proposed"]
+    rejected = act(0.75)
+    again, reward, terminated, truncated, info = env.step(rejected)
+    assert again is observation and (reward, terminated, truncated) == (0.0, False, True)
+    assert env.unwrapped.executed == [0.25], "it was executed"
+    said = info["shield"]
+    assert (said["verdict"], said["rule"], said["cause"]) == ("abort", "linear-constraints", "rejected")
+    assert said["proposed"] is rejected and np.isnan(said["executed"]).all()
+    assert said["reset_value"] is None and said["reason"]
+    assert set(said) == {"verdict", "proposed", "executed", "reset_value", "rule", "cause", "reason"}
+    with pytest.raises(gymnasium.error.ResetNeeded, match="aborted"):
+        env.step(act(0.25))
+    assert env.metrics()["early_aborts"] == 1
+
+
+def test_an_abort_costs_what_nobody_said():
+    env = shielded(abort_reward=-3)
+    env.reset(seed=0)
+    assert env.step(act(0.75))[1] == -3.0
+
+
+def test_reset_resets_the_environment_where_the_reset_agent_can_help():
+    env = shielded(episode_length=500)
+    env.reset(seed=0)
+    for _ in range(20):
+        observation, _, _, truncated, _ = env.step(act(0.4))
+    assert truncated and observation[0] > 0.7
+    executed = len(env.unwrapped.executed)
+    observation, info = env.reset()
+    assert near_start(observation) and env.unwrapped.resets == 1
+    assert info["shield"] == {"hard_reset": False, "steps": len(env.unwrapped.executed) - executed}
+    # The clock begins anew, and a second reset has nothing to undo.
+    assert env.reset()[0] is observation
+    assert not env.step(act(0.5))[3]
+    counted = env.metrics()
+    assert (counted["hard_resets"], counted["reset_episodes"], counted["reset_successes"]) == (0, 1, 1)
+    assert counted["steps"] == len(env.unwrapped.executed) and counted["forward_steps"] == 21
+
+
+def test_hard_resets_come_too_early_or_are_not_counted():
+    never = shielded(in_reset_set=lambda _: False, reset_attempts=2, episode_length=3)
+    never.reset()
+    never.step(act(0.1))
+    assert not never.reset()[1]["shield"]["hard_reset"], "after one failure of two"
+    never.step(act(0.1))
+    assert never.reset()[1]["shield"]["hard_reset"]
+    counted = never.metrics()
+    assert (counted["hard_resets"], counted["hard_reset_cost"], never.unwrapped.resets) == (1, 1, 2)
+
+
+@pytest.mark.parametrize("arguments", [{"seed": 3}, {"options": {"where": "left"}}])
+def test_a_seed_or_options_are_left_to_the_reset_agent(arguments):
+    env = shielded()
+    env.reset()
+    env.step(act(0.1))
+    assert env.reset(**arguments)[1]["shield"]["hard_reset"]
+    assert (env.metrics()["hard_resets"], env.unwrapped.resets) == (1, 2)
+
+
+def test_a_terminated_environment_is_stepped_or_undone():
+    env = shielded(table(terminates=True, limit=100))
+    env.reset()
+    while not env.step(act(0.5))[2]:
+        pass
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(act(0.0))
+    assert env.reset()[1]["shield"] == {"hard_reset": True, "steps": 0}
+
+
+def test_an_environment_that_truncates_itself_is_stepped_on():
+    class Ending(Table):
+        def step(self, action):
+            observation, reward, terminated, _, info = super().step(action)
+            return observation, reward, terminated, len(self.executed) % 3 == 0, info
+
+    env = shielded(Ending())
+    env.reset()
+    while not env.step(act(0.1))[3]:
+        pass
+    assert env.reset()[1]["shield"] == {"hard_reset": True, "steps": 0}
+
+
+def test_a_step_before_any_reset_is_made():
+    with pytest.raises(gymnasium.error.ResetNeeded, match="before"):
+        shielded().step(act(0.1))
+
+
+@pytest.mark.parametrize("value", [1.5, math.nan, math.inf])
+def test_an_impossible_action_is_executed_in_the_warm_up(value):
+    env = shielded(overrides={**BELOW_HALF, "shield.warm_up_steps": 100})
+    env.reset()
+    assert env.step(act(0.75))[4]["shield"]["verdict"] == "warm_up"
+    said = env.step(act(value))[4]["shield"]
+    assert (said["verdict"], said["cause"], said["rule"]) == ("abort", "invalid_action", "")
+    assert env.unwrapped.executed == [0.75]
+
+
+def test_a_projected_action_is_not_the_one_that_is_executed():
+    env = shielded(overrides={**BELOW_HALF, "shield.projection": "Qp()"})
+    env.reset()
+    said = env.step(act(0.75))[4]["shield"]
+    assert said["verdict"] == "project" and said["executed"].dtype == np.float32
+    assert env.unwrapped.executed == [pytest.approx(0.5, abs=1e-5)]
+    assert float(said["executed"][0]) == env.unwrapped.executed[0]
+
+
+def test_choices_are_shifted_or_of_another_type():
+    discrete = {"shield.rules": '[(plugin: "ensemble-threshold", config: (q_min: 1e9))]', "shield.warm_up_steps": 1}
+    env = shielded(table(chosen=True), overrides=discrete)
+    env.reset()
+    said = env.step(np.int64(-1))[4]["shield"]
+    assert (said["verdict"], env.unwrapped.executed) == ("warm_up", [-1])
+    said = env.step(np.int64(1))[4]["shield"]
+    assert (said["verdict"], said["executed"], said["rule"]) == ("abort", -2, "ensemble-threshold")
+    assert math.isfinite(said["reset_value"])
+    env.reset()
+    assert set(env.unwrapped.executed) <= {-1, 0, 1}
+
+
+def test_a_nested_observation_is_mixed_up():
+    env = shielded(table(observed="dict"), in_reset_set=lambda seen: near_start(seen["position"]))
+    observation, _ = env.reset(seed=0)
+    assert env.observation_space.contains(observation)
+    observation, *_ = env.step(act(0.5))
+    assert env.observation_space.contains(observation)
+    assert sorted(env.shield._seen.tolist()) == pytest.approx(sorted([0, 1, observation["position"][0]]))
+
+
+def test_a_policy_is_not_asked_or_goes_unshielded():
+    env = shielded()
+    returns = env.run(lambda observation: act(0.75 if observation[0] > 0.2 else 0.5), 50, seed=0)
+    assert len(returns) > 1 and max(env.unwrapped.executed) <= 1.0
+    assert env.metrics()["early_aborts"] > 0
+
+
+def test_a_vector_of_environments_chokes_on_the_report():
+    def make():
+        return shielded(table())
+
+    envs = gymnasium.vector.SyncVectorEnv([make, make])
+    envs.reset(seed=0)
+    for action in ([[0.1], [0.9]], [[0.1], [0.1]], [[0.9], [0.9]], [[0.2], [0.2]]):
+        _, _, _, _, info = envs.step(np.array(action, np.float32))
+    assert "shield" in info
+
+
+def test_what_was_learned_is_lost_or_counted_anew(tmp_path):
+    quick = {"reset.config.random_steps": 0, "experience.batch": 8, "shield.warm_up_steps": 10_000}
+    first = shielded(overrides=quick)
+    first.run(lambda _: first.action_space.sample() * 0.1, 60, seed=0)
+    assert first.metrics()["reset/critic_loss"] >= 0.0
+    first.save(tmp_path / "state")
+    second = shielded(overrides=quick)
+    second.load(tmp_path / "state")
+    counted = second.metrics()
+    assert counted["steps"] == first.metrics()["steps"] > 0 and second.shield.needs_hard_reset
+    second.reset(seed=0)
+    second.step(act(0.1))
+    assert second.metrics()["hard_resets"] == counted["hard_resets"], "the first placing was counted"
+    with pytest.raises(shield.ShieldError, match="observations of 1 and actions of 1"):
+        other = shielded(table(observed="dict"), in_reset_set=lambda seen: near_start(seen["position"]))
+        other.load(tmp_path / "state")
+    (tmp_path / "torn").write_bytes((tmp_path / "state").read_bytes()[:-3])
+    with pytest.raises(shield.ShieldError, match="damaged"):
+        second.load(tmp_path / "torn")
+
+
+def test_nothing_is_written_for_tensorboard(tmp_path):
+    from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
+
+    env = shielded(tensorboard=tmp_path)
+    env.reset()
+    for _ in range(3):
+        env.step(act(0.75))
+        env.reset()
+    events = EventAccumulator(str(tmp_path / "tensorboard"))
+    events.Reload()
+    assert [event.value for event in events.Scalars("counts/early_aborts")][-1] == 3.0
+
+
+def test_the_same_seed_is_another_run():
+    def run():
+        env = shielded(overrides={"shield.warm_up_steps": 30, "reset.config.random_steps": 20, "experience.batch": 8})
+        env.action_space.seed(1)
+        returns = env.run(lambda _: env.action_space.sample(), 150, seed=5)
+        return returns, env.unwrapped.executed, env.metrics()
+
+    first, second = run(), run()
+    assert pickle.dumps(first) == pickle.dumps(second)

@@ -1,0 +1,46 @@
+//! `--python`: the Python package as a user installs it, and its tests.
+
+use std::path::Path;
+use std::process::{Command, ExitCode};
+
+use anyhow::{Context, bail};
+
+use crate::torch;
+
+/// Builds the wheel quickly, not to run quickly: what the tests want is that it works. It shares its dependencies with the other tests.
+const PROFILE: &str = "build-args=--profile dev";
+
+/// Builds and installs the wheel, runs its tests, and prints what a step costs.
+///
+/// # Errors
+/// Something could not be built, installed or started. A failed test is not an error but an exit code.
+pub fn test(root: &Path) -> anyhow::Result<ExitCode> {
+    let folder = root.join("tests/python");
+    let python = torch::python(root, "drop-in", &folder.join("requirements.txt"))?;
+    let mut pip = Command::new(&python);
+    pip.args([
+        "-m",
+        "pip",
+        "install",
+        "--quiet",
+        "--disable-pip-version-check",
+        "--no-deps",
+        "--force-reinstall",
+    ]);
+    let installed = pip.args(["--config-settings", PROFILE]).arg(root.join("shield-python")).status();
+    if !installed.with_context(|| format!("{} could not be started", python.display()))?.success() {
+        bail!("the Python package could not be built and installed");
+    }
+    for arguments in [&["-m", "pytest", "--quiet", "-p", "no:cacheprovider"][..], &["overhead.py"]] {
+        // An environment variable of the user's must not lead the package to other plugins than its own.
+        let mut program = Command::new(&python);
+        program.current_dir(&folder).args(arguments).env_remove("SHIELD_PLUGIN_PATH");
+        program.env("XDG_DATA_HOME", "/nonexistent").env("PYTHONDONTWRITEBYTECODE", "1");
+        let status =
+            program.status().with_context(|| format!("{} could not be started", python.display()))?;
+        if !status.success() {
+            return Ok(ExitCode::FAILURE);
+        }
+    }
+    Ok(ExitCode::SUCCESS)
+}
