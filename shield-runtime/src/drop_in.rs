@@ -11,7 +11,7 @@ pub use open::Defaults;
 pub use state::StateError;
 
 use rand_pcg::Pcg64;
-use shield_api::{Error, Phase, ResetSignal, ResetTask, Result, Spaces, check_finite};
+use shield_api::{Error, Phase, ResetSignal, ResetTask, Result, Spaces, check_finite, check_length};
 
 use self::figures::Figures;
 use crate::{
@@ -132,7 +132,7 @@ impl DropIn {
     /// first observation of all is taken for a start.
     ///
     /// # Errors
-    /// The shield is out of service, or the reset task failed: `action` holds the fallback action.
+    /// A length is wrong, the shield is out of service, or the reset task failed: `action` holds the fallback action.
     pub fn filter(&mut self, observation: &[f32], action: &mut [f32]) -> Result<Decision> {
         if !self.is_placed
             && !self.needs_hard_reset()
@@ -140,6 +140,13 @@ impl DropIn {
             && let Err(error) = self.hard_reset_done(observation)
         {
             self.shield.refuse(Cause::AwaitsHardReset, action);
+            return Err(error);
+        }
+        // A rule that is told of such a decision would rightly refuse for ever.
+        let lengths = check_length("the observation", observation, self.observation.len())
+            .and_then(|()| check_length("the action", action, self.executed.len()));
+        if let Err(error) = lengths {
+            self.shield.refuse(Cause::InvalidAction, action);
             return Err(error);
         }
         let is_forward = self.shield.phase() == Phase::Forward;
@@ -153,11 +160,9 @@ impl DropIn {
                 self.shield.reason()
             )));
         }
-        self.is_deciding = observation.len() == self.observation.len() && action.len() == self.executed.len();
-        if self.is_deciding {
-            self.observation.copy_from_slice(observation);
-            self.executed.copy_from_slice(action);
-        }
+        self.is_deciding = true;
+        self.observation.copy_from_slice(observation);
+        self.executed.copy_from_slice(action);
         Ok(decision)
     }
 

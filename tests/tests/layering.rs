@@ -110,9 +110,11 @@ fn the_host_knows_more_than_the_interface() {
 #[test]
 fn a_door_of_the_host_knows_a_plugin() {
     let metadata = metadata();
-    let door = package(&metadata, "shield-python");
-    assert_own_dependencies(&metadata, door, &["shield-api", "shield-runtime"]);
-    assert!(everything_below(&metadata, door).contains("pyo3"), "Python is not seen where it is used");
+    for door in ["shield-c", "shield-python"] {
+        assert_own_dependencies(&metadata, package(&metadata, door), &["shield-api", "shield-runtime"]);
+    }
+    let python = everything_below(&metadata, package(&metadata, "shield-python"));
+    assert!(python.contains("pyo3"), "Python is not seen where it is used");
 }
 
 #[test]

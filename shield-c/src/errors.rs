@@ -1,0 +1,28 @@
+//! The last error of each thread, as C reads it.
+
+use std::{
+    cell::RefCell,
+    ffi::{CString, c_char},
+    fmt::Display,
+};
+
+thread_local! {
+    static LAST: RefCell<CString> = RefCell::default();
+}
+
+/// Remembers an error of this thread; an empty one is none.
+pub fn keep(error: impl Display) {
+    LAST.set(text(error));
+}
+
+/// The last error of this thread: valid until its next call.
+pub fn last() -> *const c_char {
+    LAST.with_borrow(|last| last.as_ptr())
+}
+
+/// A text without what C would take for its end.
+pub fn text(text: impl Display) -> CString {
+    let mut bytes = text.to_string().into_bytes();
+    bytes.retain(|byte| *byte != 0);
+    CString::new(bytes).unwrap_or_default()
+}

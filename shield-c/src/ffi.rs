@@ -1,0 +1,315 @@
+//! What `shield.h` declares. No panic leaves these functions, and where one fails, `shield_last_error` says why.
+#![allow(unsafe_code, reason = "the boundary to C")]
+
+use std::{
+    ffi::{CStr, OsStr, c_char, c_void},
+    os::unix::ffi::OsStrExt,
+    path::{Path, PathBuf},
+    ptr, slice,
+};
+
+use runtime::decision::Decision;
+use shield_api::{Phase, ResetSignal};
+
+use crate::{
+    errors,
+    handle::{self, Shield},
+};
+
+/// The call has failed; `shield_last_error` says why.
+pub const SHIELD_FAILED: i32 = -1;
+/// The call has succeeded.
+pub const SHIELD_DONE: i32 = 0;
+/// Verdict: every rule allows the action.
+pub const SHIELD_ALLOW: i32 = 1;
+/// Verdict: nothing is aborted yet, `warm_up_steps` are not over.
+pub const SHIELD_WARM_UP: i32 = 2;
+/// Verdict: the action was altered so that every rule allows it.
+pub const SHIELD_PROJECT: i32 = 3;
+/// Verdict: the action is rejected; the reset agent takes over, and the buffer holds its action.
+pub const SHIELD_ABORT: i32 = 4;
+/// Verdict: the reset agent is in charge, and the buffer holds its action.
+pub const SHIELD_RESETTING: i32 = 5;
+
+/// Opens the shield that the RON file `config` describes, its `spaces` included. Plugins are looked for in SHIELD_PLUGIN_PATH, beside this
+/// library, in `plugins` beside it, and in the user's data folder.
+/// Returns null where that fails. One thread at a time may use a shield.
+///
+/// # Safety
+/// `config` is a text that ends with 0.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn shield_open(config: *const c_char) -> *mut Shield {
+    let opened = handle::guarded(|| {
+        // SAFETY: the caller's promise; null is refused inside.
+        let config = unsafe { path(config) }.ok_or("the path of the configuration is null")?;
+        handle::open(&config, library_folder().as_deref())
+    });
+    opened.map_or(ptr::null_mut(), |shield| Box::into_raw(Box::new(shield)))
+}
+
+/// Decides on `action`, which afterwards holds what may be executed, whatever is returned. The first observation of all is taken for a start.
+/// Returns a verdict, or SHIELD_FAILED.
+///
+/// # Safety
+/// `shield` is from `shield_open`; the arrays have the lengths that are given.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn shield_filter(
+    shield: *mut Shield,
+    observation: *const f32,
+    observation_len: usize,
+    action: *mut f32,
+    action_len: usize,
+) -> i32 {
+    // SAFETY: the caller's promise; null is refused.
+    let (shield, observation, action) = unsafe {
+        let action =
+            if action.is_null() { None } else { Some(slice::from_raw_parts_mut(action, action_len)) };
+        (shield.as_mut(), numbers(observation, observation_len), action)
+    };
+    let (Some(shield), Some(observation), Some(action)) = (shield, observation, action) else {
+        errors::keep("the shield, the observation or the action is null");
+        return SHIELD_FAILED;
+    };
+    let decision =
+        shield.with(|drop_in| drop_in.filter(observation, action).map_err(|error| error.to_string()));
+    let Some(decision) = decision else {
+        shield.rest(action);
+        return SHIELD_FAILED;
+    };
+    shield.reason = errors::text(shield.drop_in.shield().reason());
+    match decision {
+        Decision::Allow => SHIELD_ALLOW,
+        Decision::WarmUp => SHIELD_WARM_UP,
+        Decision::Project(_) => SHIELD_PROJECT,
+        Decision::Abort(_) => SHIELD_ABORT,
+        Decision::Resetting => SHIELD_RESETTING,
+    }
+}
+
+/// What was in the buffer was executed and led to `next_observation`; the reset agent learns. `terminated` is not 0 where the environment
+/// cannot go on. The configuration names a `reset_task`; without one, see `shield_observe_reset`.
+///
+/// # Safety
+/// As for `shield_filter`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn shield_observe(
+    shield: *mut Shield,
+    next_observation: *const f32,
+    observation_len: usize,
+    terminated: i32,
+) -> i32 {
+    // SAFETY: the caller's promise.
+    unsafe { observe(shield, next_observation, observation_len, None, terminated) }
+}
+
+/// As `shield_observe`, where no `reset_task` says what "reset" means: the reset reward, up to 1, of the state that was reached, and
+/// not 0 if it counts as reset.
+///
+/// # Safety
+/// As for `shield_filter`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn shield_observe_reset(
+    shield: *mut Shield,
+    next_observation: *const f32,
+    observation_len: usize,
+    reset_reward: f32,
+    in_reset_set: i32,
+    terminated: i32,
+) -> i32 {
+    let signal = ResetSignal { reward: reset_reward, in_reset_set: in_reset_set != 0 };
+    // SAFETY: the caller's promise.
+    unsafe { observe(shield, next_observation, observation_len, Some(signal), terminated) }
+}
+
+/// The task is done, or its time is up: the reset agent takes over, as `shield_is_resetting` says, if there is anything to undo.
+///
+/// # Safety
+/// `shield` is from `shield_open`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn shield_begin_reset(shield: *mut Shield) -> i32 {
+    // SAFETY: the caller's promise.
+    unsafe { on(shield, |shield| shield.with(|drop_in| Ok(drop_in.begin_reset())).map(|_| SHIELD_DONE)) }
+}
+
+/// 1 if the reset agent is in charge of the next step, else 0.
+///
+/// # Safety
+/// `shield` is from `shield_open`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn shield_is_resetting(shield: *mut Shield) -> i32 {
+    let is_resetting = |shield: &mut Shield| Some(i32::from(shield.drop_in.phase() == Phase::Reset));
+    // SAFETY: the caller's promise.
+    unsafe { on(shield, is_resetting) }
+}
+
+/// 1 if nothing may move before `shield_hard_reset_done`: the reset agent has given up, or the environment has ended. Else 0.
+///
+/// # Safety
+/// `shield` is from `shield_open`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn shield_needs_hard_reset(shield: *mut Shield) -> i32 {
+    // SAFETY: the caller's promise.
+    unsafe { on(shield, |shield| Some(i32::from(shield.drop_in.needs_hard_reset()))) }
+}
+
+/// Everything is back at its start, where `observation` is seen.
+///
+/// # Safety
+/// As for `shield_filter`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn shield_hard_reset_done(
+    shield: *mut Shield,
+    observation: *const f32,
+    observation_len: usize,
+) -> i32 {
+    // SAFETY: the caller's promise; null is refused.
+    let Some(observation) = (unsafe { numbers(observation, observation_len) }) else {
+        errors::keep("the observation is null");
+        return SHIELD_FAILED;
+    };
+    let done = |shield: &mut Shield| {
+        let placed = |drop_in: &mut runtime::drop_in::DropIn| drop_in.hard_reset_done(observation);
+        shield.with(|drop_in| placed(drop_in).map_err(|error| error.to_string())).map(|()| SHIELD_DONE)
+    };
+    // SAFETY: the caller's promise.
+    unsafe { on(shield, done) }
+}
+
+/// Mean of the reset ensemble's values of the action that was proposed last; NaN if no rule needed them.
+///
+/// # Safety
+/// `shield` is from `shield_open`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn shield_reset_value(shield: *const Shield) -> f32 {
+    // SAFETY: the caller's promise.
+    unsafe { shield.as_ref() }.map_or(f32::NAN, |shield| shield.drop_in.reset_value())
+}
+
+/// Why the last action was rejected, for a person; empty if it was not. Valid until the next call with this shield.
+///
+/// # Safety
+/// `shield` is from `shield_open`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn shield_reason(shield: *const Shield) -> *const c_char {
+    // SAFETY: the caller's promise.
+    unsafe { shield.as_ref() }.map_or(c"".as_ptr(), |shield| shield.reason.as_ptr())
+}
+
+/// Writes everything that was learned and counted into a file.
+///
+/// # Safety
+/// `shield` is from `shield_open`, `file` a text that ends with 0.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn shield_save(shield: *mut Shield, file: *const c_char) -> i32 {
+    // SAFETY: the caller's promise.
+    let file = unsafe { path(file) };
+    let save = |shield: &mut Shield| {
+        shield.with(|drop_in| {
+            let file = file.as_deref().ok_or("the path is null")?;
+            drop_in.save(file).map_err(|error| error.to_string())
+        })
+    };
+    // SAFETY: the caller's promise.
+    unsafe { on(shield, |shield| save(shield).map(|()| SHIELD_DONE)) }
+}
+
+/// Goes on from a file of a shield with the same configuration; a hard reset is needed then.
+///
+/// # Safety
+/// As for `shield_save`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn shield_load(shield: *mut Shield, file: *const c_char) -> i32 {
+    // SAFETY: the caller's promise.
+    let file = unsafe { path(file) };
+    let load = |shield: &mut Shield| {
+        shield.with(|drop_in| {
+            let file = file.as_deref().ok_or("the path is null")?;
+            drop_in.load(file).map_err(|error| error.to_string())
+        })
+    };
+    // SAFETY: the caller's promise.
+    unsafe { on(shield, |shield| load(shield).map(|()| SHIELD_DONE)) }
+}
+
+/// Why the last call of this thread has failed; empty if it has not. Valid until its next call.
+#[unsafe(no_mangle)]
+pub extern "C" fn shield_last_error() -> *const c_char {
+    errors::last()
+}
+
+/// Frees a shield; null is nothing to be freed.
+///
+/// # Safety
+/// `shield` is from `shield_open` and is not used again.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn shield_close(shield: *mut Shield) {
+    if !shield.is_null() {
+        // SAFETY: made by `shield_open`, and freed once.
+        let shield = unsafe { Box::from_raw(shield) };
+        // Where a plugin panics when it goes, there is nothing left to be done.
+        handle::guarded(|| {
+            drop(shield);
+            Ok(())
+        });
+    }
+}
+
+unsafe fn observe(
+    shield: *mut Shield,
+    next: *const f32,
+    length: usize,
+    signal: Option<ResetSignal>,
+    terminated: i32,
+) -> i32 {
+    // SAFETY: the caller's promise; null is refused.
+    let Some(next) = (unsafe { numbers(next, length) }) else {
+        errors::keep("the observation is null");
+        return SHIELD_FAILED;
+    };
+    let observe = |shield: &mut Shield| {
+        shield
+            .with(|drop_in| drop_in.observe(next, signal, terminated != 0).map_err(|error| error.to_string()))
+    };
+    // SAFETY: the caller's promise.
+    unsafe { on(shield, |shield| observe(shield).map(|()| SHIELD_DONE)) }
+}
+
+/// Does something with a shield that may be null.
+unsafe fn on(shield: *mut Shield, body: impl FnOnce(&mut Shield) -> Option<i32>) -> i32 {
+    // SAFETY: the caller's promise.
+    let Some(shield) = (unsafe { shield.as_mut() }) else {
+        errors::keep("the shield is null");
+        return SHIELD_FAILED;
+    };
+    body(shield).unwrap_or(SHIELD_FAILED)
+}
+
+unsafe fn numbers<'a>(numbers: *const f32, length: usize) -> Option<&'a [f32]> {
+    // SAFETY: the caller's promise.
+    if numbers.is_null() { None } else { Some(unsafe { slice::from_raw_parts(numbers, length) }) }
+}
+
+unsafe fn path(text: *const c_char) -> Option<PathBuf> {
+    if text.is_null() {
+        return None;
+    }
+    // SAFETY: the caller's promise.
+    let text = unsafe { CStr::from_ptr(text) };
+    Some(PathBuf::from(OsStr::from_bytes(text.to_bytes())))
+}
+
+/// The folder in which this library lies.
+fn library_folder() -> Option<PathBuf> {
+    let own = shield_last_error as *const c_void;
+    let mut found = libc::Dl_info {
+        dli_fname: ptr::null(),
+        dli_fbase: ptr::null_mut(),
+        dli_sname: ptr::null(),
+        dli_saddr: ptr::null_mut(),
+    };
+    // SAFETY: `own` is an address in this library, and `found` is filled where the call succeeds.
+    let is_found = unsafe { libc::dladdr(own, &raw mut found) } != 0;
+    // SAFETY: the loader's name of this library, which is never unloaded while its code runs.
+    let library = is_found.then(|| unsafe { path(found.dli_fname) }).flatten()?;
+    library.canonicalize().ok()?.parent().map(Path::to_owned)
+}

@@ -1,0 +1,6 @@
+//! The drop-in for C, as `shield.h` describes it: `libshield_runtime`.
+#![deny(unsafe_code)]
+
+mod errors;
+mod ffi;
+mod handle;

@@ -1,0 +1,126 @@
+//! The shield in programs of others: in C, and in Rust.
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+use std::{
+    env, fs,
+    path::Path,
+    process::{Command, Output},
+};
+
+use shield_tests::{plugins_folder, workspace};
+
+fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+fn succeed(command: &mut Command) -> String {
+    let Output { status, stdout, stderr } = command.output().unwrap();
+    assert!(status.success(), "{command:?}: {}\n{}", text(&stdout), text(&stderr));
+    text(&stdout)
+}
+
+/// Compiles a C program against `shield.h` and the library.
+fn compile(source: &Path, program: &Path) {
+    let folder = plugins_folder();
+    let mut cc = Command::new(env::var_os("CC").unwrap_or_else(|| "cc".into()));
+    cc.args(["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic"]).arg(source);
+    cc.arg("-I").arg(workspace().join("shield-c/include")).arg("-L").arg(&folder).arg("-lshield_runtime");
+    succeed(cc.arg(format!("-Wl,-rpath,{}", folder.display())).arg("-o").arg(program));
+}
+
+fn without_plugins_elsewhere(command: &mut Command) -> &mut Command {
+    command.env_remove("SHIELD_PLUGIN_PATH").env("XDG_DATA_HOME", "/nonexistent")
+}
+
+/// The numbers in a text.
+fn numbers(text: &str) -> Vec<u32> {
+    text.split(|character: char| !character.is_ascii_digit()).filter_map(|part| part.parse().ok()).collect()
+}
+
+#[test]
+fn a_controller_in_c_falls_for_ever_or_its_library_finds_no_plugins() {
+    let folder = tempfile::tempdir().unwrap();
+    let program = folder.path().join("cart");
+    compile(&workspace().join("examples/c/cart.c"), &program);
+    let config = workspace().join("examples/c/cart.ron");
+    let said = succeed(without_plugins_elsewhere(Command::new(&program).arg(config)));
+    let [aborts, hard_resets, last] = numbers(&said)[..] else { panic!("{said}") };
+    assert!(aborts > 50 && (1..60).contains(&hard_resets) && last < 6_000, "{said}");
+    // What is wrong is said with its place.
+    let wrong = folder.path().join("wrong.ron");
+    fs::write(&wrong, "DropIn(\n    reset: (plugin: \"ddgp\"),\n    shield: (rules: [(plugin: \"no\")]),\n)")
+        .unwrap();
+    let refused = without_plugins_elsewhere(Command::new(&program).arg(&wrong)).output().unwrap();
+    let message = text(&refused.stderr);
+    assert_eq!(refused.status.code(), Some(1));
+    assert!(message.contains("wrong.ron:1:") && message.contains("spaces"), "{message}");
+}
+
+const CARELESS: &str = r#"
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+#include "shield.h"
+
+#define EXPECT(condition) if (!(condition)) { printf("line %d: %s\n", __LINE__, shield_last_error()); return 1; }
+
+int main(int count, char **arguments) {
+    float seen[2] = {0.0f, 0.0f}, action[2] = {0.5f, 0.5f};
+    EXPECT(count == 2 && shield_open(NULL) == NULL && strlen(shield_last_error()) > 0)
+    EXPECT(shield_filter(NULL, seen, 1, action, 1) == SHIELD_FAILED)
+    EXPECT(shield_observe(NULL, seen, 1, 0) == SHIELD_FAILED && shield_is_resetting(NULL) == SHIELD_FAILED)
+    shield_close(NULL);
+    Shield *shield = shield_open(arguments[1]);
+    EXPECT(shield && strlen(shield_last_error()) == 0)
+    EXPECT(shield_filter(shield, NULL, 1, action, 1) == SHIELD_FAILED)
+    EXPECT(shield_filter(shield, seen, 1, NULL, 1) == SHIELD_FAILED)
+    EXPECT(shield_observe(shield, seen, 1, 0) == SHIELD_FAILED && shield_needs_hard_reset(shield) == 1)
+    EXPECT(shield_hard_reset_done(shield, seen, 1) == SHIELD_DONE && shield_needs_hard_reset(shield) == 0)
+    EXPECT(shield_filter(shield, seen, 1, action, 1) == SHIELD_WARM_UP && action[0] == 0.5f)
+    EXPECT(shield_observe_reset(shield, seen, 1, 1.0f, 1, 0) == SHIELD_FAILED)
+    EXPECT(shield_hard_reset_done(shield, seen, 1) == SHIELD_DONE)
+    // Too many numbers, too few, none, and none that is one: nothing of it may be executed.
+    EXPECT(shield_filter(shield, seen, 1, action, 2) == SHIELD_FAILED && action[0] == 0.0f && action[1] == 0.0f)
+    action[0] = 0.5f;
+    EXPECT(shield_filter(shield, seen, 2, action, 1) == SHIELD_FAILED && action[0] == 0.0f)
+    action[0] = NAN;
+    EXPECT(shield_filter(shield, seen, 1, action, 1) == SHIELD_ABORT && action[0] == action[0])
+    EXPECT(strlen(shield_reason(shield)) > 0 && shield_is_resetting(shield) == 1)
+    EXPECT(shield_observe(shield, seen, 2, 0) == SHIELD_FAILED)
+    EXPECT(shield_save(shield, NULL) == SHIELD_FAILED && shield_save(shield, "state") == SHIELD_DONE)
+    EXPECT(shield_load(shield, "nowhere") == SHIELD_FAILED && shield_load(shield, "state") == SHIELD_DONE)
+    shield_close(shield);
+    return 0;
+}
+"#;
+
+#[test]
+fn a_careless_program_in_c_crashes_or_executes_what_nobody_allowed() {
+    let folder = tempfile::tempdir().unwrap();
+    let (source, program) = (folder.path().join("careless.c"), folder.path().join("careless"));
+    fs::write(&source, CARELESS).unwrap();
+    compile(&source, &program);
+    let config = workspace().join("examples/c/cart.ron");
+    let mut careless = Command::new(&program);
+    succeed(without_plugins_elsewhere(careless.arg(config).current_dir(folder.path())));
+}
+
+#[test]
+fn the_example_in_rust_falls_for_ever() {
+    let mut cargo = Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
+    // Of the whole workspace: for one package, Cargo would choose other features and build every dependency once more.
+    cargo.current_dir(workspace()).args(["build", "--quiet", "--workspace", "--example", "wrap_policy"]);
+    if !cfg!(debug_assertions) {
+        cargo.arg("--release");
+    }
+    succeed(&mut cargo);
+    let mut example = Command::new(plugins_folder().parent().unwrap().join("examples/wrap_policy"));
+    let said =
+        succeed(example.env("SHIELD_PLUGIN_PATH", plugins_folder()).env("XDG_DATA_HOME", "/nonexistent"));
+    let figure = |name: &str| {
+        let line = said.lines().find(|line| line.starts_with(name)).unwrap_or_else(|| panic!("{said}"));
+        line.split_whitespace().last().unwrap().parse::<f64>().unwrap()
+    };
+    assert_eq!(figure("steps"), 6_000.0);
+    assert!(figure("early_aborts") > 50.0 && figure("hard_resets") < 200.0, "{said}");
+}
