@@ -34,6 +34,8 @@ const EXAMPLES: &str = "Examples:
   cargo xtask test --stage doc                only the examples in the documentation
   cargo xtask test --python                   the Python package, with Stable-Baselines3
   cargo xtask test --peers                    our robots against Gymnasium's and dm_control's
+  cargo shield --with torch run mine.ron      the same with the plugin on libtorch
+  cargo xtask test --torch                    that plugin's tests
   cargo xtask bench --bench decision          one benchmark
   cargo xtask bench --peers                   our learner against torch and Stable-Baselines3
   cargo xtask reproduce gridworld-qmin        one of the paper's experiments";
@@ -50,7 +52,8 @@ enum Chore {
     Build(Build),
     /// Build what changed, in release mode, and run `shield` with the arguments that follow
     ///
-    /// Every argument behind `shield` goes to it, flags too, and its exit code comes back.
+    /// Every argument behind `shield` goes to it, flags too, and its exit code comes back. But for `--with torch` at the beginning, which
+    /// first brings libtorch (600 MB, once, unless LIBTORCH names yours) and builds the plugin on it: `ddpg-torch`, `td3-torch`, `torchscript`.
     #[command(disable_help_flag = true)]
     Shield {
         /// For example: run examples/quickstart.ron --jobs 2
@@ -74,6 +77,11 @@ enum Chore {
         /// costs for a step.
         #[arg(long, conflicts_with_all = ["stages", "peers"])]
         python: bool,
+        /// Only the torch plugin, by itself and against ddpg and td3
+        ///
+        /// Brings libtorch into native/torch, once (600 MB), unless LIBTORCH names yours, and compiles its bindings (some minutes, once).
+        #[arg(long, conflicts_with_all = ["stages", "peers"])]
+        torch: bool,
     },
     /// Write `shield-api/include/shield_plugin.h` anew, after a change of the tables
     Header,
@@ -131,11 +139,16 @@ fn run(chore: Chore) -> anyhow::Result<ExitCode> {
         Chore::Setup => println!("MuJoCo is in {}", mujoco.display()),
         Chore::Build(Build { debug, .. }) => build(root, !debug)?,
         Chore::Shield { arguments } => {
+            let (with_torch, arguments) = split_with(&arguments)?;
             build(root, true)?;
-            return shield(&arguments);
+            if with_torch {
+                torch::build(root).context("the torch plugin could not be built")?;
+            }
+            return shield(arguments);
         }
         Chore::Test { peers: true, .. } => return peers::test(root),
         Chore::Test { python: true, .. } => return drop_in::test(root),
+        Chore::Test { torch: true, .. } => torch::test(root).context("the torch plugin")?,
         Chore::Test { stages, .. } => return stages::run(root, &stages),
         Chore::Header => {
             let test = ["test", "--quiet", "--workspace", "--test", "header"];
@@ -171,6 +184,17 @@ fn program() -> anyhow::Result<PathBuf> {
     Ok(cargo::target_folder()?.join("release").join(name))
 }
 
+/// Whether the arguments begin with `--with torch`, and those behind it.
+fn split_with(arguments: &[OsString]) -> anyhow::Result<(bool, &[OsString])> {
+    match arguments {
+        [with, name, rest @ ..] if with == "--with" && name == "torch" => Ok((true, rest)),
+        [with, ..] if with == "--with" => {
+            anyhow::bail!("`--with` is followed by `torch`; there is nothing else to add")
+        }
+        _ => Ok((false, arguments)),
+    }
+}
+
 /// Becomes the `shield` program, or runs it where a process cannot be replaced.
 fn shield(arguments: &[OsString]) -> anyhow::Result<ExitCode> {
     let program = program()?;
@@ -192,6 +216,19 @@ mod tests {
     #[test]
     fn the_command_line_contradicts_itself() {
         <CommandLine as clap::CommandFactory>::command().debug_assert();
+    }
+
+    #[test]
+    fn only_torch_can_be_added_and_only_in_front() {
+        let split = |line: &str| {
+            let given: Vec<OsString> = line.split_whitespace().map(OsString::from).collect();
+            split_with(&given).map(|(with_torch, rest)| (with_torch, rest.len())).ok()
+        };
+        assert_eq!(split("--with torch run x.ron"), Some((true, 2)));
+        assert_eq!(split("run x.ron --with torch"), Some((false, 4)));
+        assert_eq!(split(""), Some((false, 0)));
+        assert_eq!(split("--with mujoco run x.ron"), None);
+        assert_eq!(split("--with"), None);
     }
 
     #[test]

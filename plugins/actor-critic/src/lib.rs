@@ -70,6 +70,9 @@ pub enum Error {
     /// The bytes are not a state of this learner.
     #[error("not a state of this learner: {0}")]
     ForeignState(String),
+    /// Whoever computes the networks has failed.
+    #[error("{0}")]
+    Backend(String),
     /// The weights cannot be written for others.
     #[error("the weights cannot be written: {0}")]
     Tensors(String),
@@ -168,6 +171,7 @@ impl Error {
             | Self::Bounds { .. }
             | Self::OutsideUnit { .. } => ErrorKind::Argument,
             Self::Threads(_)
+            | Self::Backend(_)
             | Self::Tensors(_)
             | Self::OutputNotFinite { .. }
             | Self::LossNotFinite { .. }

@@ -12,6 +12,8 @@ mod conformance;
 mod continuous;
 #[path = "../../../tests/learners/gradients.rs"]
 mod gradients;
+#[path = "../../../tests/learners/reference.rs"]
+mod reference;
 
 impl conformance::Subject for Ddpg {
     fn small() -> Settings {
@@ -72,4 +74,10 @@ continuous_tests!(Ddpg);
 #[ignore = "a measurement: run with --release --nocapture --test-threads 1"]
 fn how_long_it_takes() {
     continuous::print_how_long_it_takes::<Ddpg>("(random_steps: 0)");
+}
+
+#[test]
+#[ignore = "run by `cargo xtask test --torch`"]
+fn a_reference_is_written() {
+    reference::a_reference_is_written::<Ddpg>();
 }

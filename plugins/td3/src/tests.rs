@@ -12,6 +12,8 @@ mod conformance;
 mod continuous;
 #[path = "../../../tests/learners/gradients.rs"]
 mod gradients;
+#[path = "../../../tests/learners/reference.rs"]
+mod reference;
 
 impl conformance::Subject for Td3 {
     fn small() -> Settings {
@@ -186,4 +188,10 @@ fn target_noise_changes_what_is_learned_and_no_noise_is_possible() {
 #[ignore = "a measurement: run with --release --nocapture --test-threads 1"]
 fn how_long_it_takes() {
     continuous::print_how_long_it_takes::<Td3>("(random_steps: 0)");
+}
+
+#[test]
+#[ignore = "run by `cargo xtask test --torch`"]
+fn a_reference_is_written() {
+    reference::a_reference_is_written::<Td3>();
 }

@@ -1,0 +1,122 @@
+//! The suites of all learners, as far as torch promises what they ask.
+#![allow(dead_code, unused_macros, reason = "of the suites, what torch does not promise is left out")]
+
+use shield_api::{ActMode, Learner, Space, Spaces};
+
+use conformance::Settings;
+
+use crate::{Ddpg, F32, Td3, networks::numbers};
+
+#[macro_use]
+#[path = "../../../tests/learners/conformance.rs"]
+mod conformance;
+mod bf16;
+#[path = "../../../tests/learners/continuous.rs"]
+mod continuous;
+#[path = "../../../tests/learners/gradients.rs"]
+mod gradients;
+#[path = "../../../tests/learners/reference.rs"]
+mod reference;
+mod torchscript;
+
+/// What the tests know of a learner, and the tests themselves.
+macro_rules! learner_tests {
+    ($module:ident, $learner:ty, $magic:literal, $networks:literal, plain: $plain:expr, changes: $changes:expr, impossible: $impossible:expr) => {
+        mod $module {
+            use super::*;
+
+            impl conformance::Subject for $learner {
+                fn small() -> Settings {
+                    continuous::small()
+                }
+
+                fn changes() -> Settings {
+                    continuous::changes(&$changes)
+                }
+
+                fn impossible() -> Settings {
+                    continuous::impossible(&$impossible)
+                }
+
+                fn spaces() -> Spaces {
+                    continuous::spaces()
+                }
+
+                fn impossible_actions() -> Vec<Space> {
+                    continuous::impossible_actions()
+                }
+            }
+
+            impl gradients::Inside for $learner {
+                type State = continuous::State;
+                const MAGIC: &'static [u8] = $magic;
+                const NETWORKS: usize = $networks;
+
+                fn plain() -> Settings {
+                    $plain
+                }
+
+                fn critics(state: &mut continuous::State) -> &mut gradients::Networks {
+                    &mut state.critics
+                }
+
+                fn actor(state: &mut continuous::State) -> Option<&mut gradients::Networks> {
+                    Some(&mut state.actor)
+                }
+
+                fn network_value(&mut self, network: usize, observation: &[f32], action: &[f32]) -> f32 {
+                    let seen = self.agent.rows_of(observation, 1).unwrap();
+                    let unit = self.agent.rows_of(&continuous::to_unit(action), 1).unwrap();
+                    numbers(&self.agent.critics.outputs(&seen, Some(&unit)).unwrap()).unwrap()[network]
+                }
+
+                fn next_value(&mut self, member: usize, observation: &[f32]) -> f32 {
+                    let mut action = [0.0; 2];
+                    self.act(observation, ActMode::Greedy, &mut action).unwrap();
+                    let networks = member * $networks..(member + 1) * $networks;
+                    let values = networks.map(|network| self.network_value(network, observation, &action));
+                    values.fold(f32::INFINITY, f32::min)
+                }
+            }
+
+            // Not those that count allocations or compare bits between numbers of threads: torch promises neither.
+            conformance_tests! { $learner, conformance:
+                every_configuration_field_changes_what_can_be_seen,
+                defaults_that_the_manifest_states_are_the_defaults,
+                impossible_settings_and_spaces_are_refused,
+                a_broken_batch_is_refused_and_nothing_has_changed,
+                wrong_arguments_are_refused,
+                a_loaded_learner_continues_bit_for_bit,
+                foreign_bytes_are_refused_and_nothing_has_changed,
+                a_greedy_action_draws_no_random_number,
+                a_member_learns_only_what_its_mask_allows,
+                optimistic_values_begin_at_the_given_one,
+                a_loss_that_overflows_is_an_error_and_leaves_values_finite,
+            }
+            conformance_tests! { $learner, continuous:
+                actions_stay_in_their_box_however_loud_the_noise,
+                gradients_are_those_of_the_values,
+                the_best_action_of_one_step_is_found,
+                the_gradient_of_the_actor_is_that_of_the_ensembles_mean,
+            }
+            conformance_tests! { $learner, gradients:
+                the_gradient_of_the_critics_is_that_of_their_loss,
+            }
+
+            #[test]
+            #[ignore = "run by `cargo xtask test --torch`"]
+            fn the_reference_computes_something_else() {
+                reference::the_reference_computes_something_else::<$learner>();
+            }
+        }
+    };
+}
+
+learner_tests!(ddpg, Ddpg<F32>, b"shield/ddpg/1\n", 1,
+    plain: Settings::new(),
+    changes: [("loss", "Squared")],
+    impossible: []);
+learner_tests!(td3, Td3<F32>, b"shield/td3/1\n", 2,
+    plain: vec![("target_sigma", "0.0"), ("policy_delay", "1")],
+    changes: [("policy_delay", "3"), ("target_sigma", "0.1"), ("target_clip", "0.1"), ("loss", "Huber")],
+    impossible: [("policy_delay", "0"), ("target_sigma", "-0.1"), ("target_clip", "NaN")]);

@@ -1,0 +1,69 @@
+//! Playing exported files. They are made here, by tracing.
+
+use std::path::Path;
+
+use shield_api::{ErrorKind, Host, Plugin, Policy, Setup, Space, Spaces};
+use tch::{CModule, Tensor};
+
+use crate::torchscript::{TorchScript, TorchScriptConfig};
+
+/// A file whose actions are twice the first two of three observations.
+fn export(folder: &Path) -> String {
+    let path = folder.join("policy.pt");
+    let mut doubled = |inputs: &[Tensor]| vec![inputs[0].narrow(1, 0, 2) * 2.0];
+    let module = CModule::create_by_tracing(
+        "Policy",
+        "forward",
+        &[Tensor::zeros([1, 3], tch::kind::FLOAT_CPU)],
+        &mut doubled,
+    );
+    module.unwrap().save(&path).unwrap();
+    path.to_str().unwrap().to_owned()
+}
+
+fn policy(path: String, in_unit_box: bool, observation_len: usize) -> shield_api::Result<TorchScript> {
+    let action = Space::Box { low: vec![-2.0, 0.0], high: vec![2.0, 1.0] };
+    let spaces = Spaces { observation: Space::unbounded(observation_len), action };
+    TorchScript::create(
+        TorchScriptConfig { path, in_unit_box },
+        &Setup::with_spaces(0, 1, Host::silent(), spaces),
+    )
+}
+
+#[test]
+fn the_actions_are_those_of_the_file() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = export(folder.path());
+    let mut action = [9.0; 2];
+    policy(path.clone(), false, 3).unwrap().act(&[0.3, -0.2, 0.7], &mut action).unwrap();
+    assert_eq!(action, [0.6, -0.4]);
+    policy(path, true, 3).unwrap().act(&[0.3, -0.2, 0.7], &mut action).unwrap();
+    assert_eq!(action, [1.2, 0.3]);
+}
+
+#[test]
+fn a_file_that_cannot_be_played_is_refused_before_the_run() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = export(folder.path());
+    let no_module = folder.path().join("text.pt");
+    std::fs::write(&no_module, "no module").unwrap();
+    let refused = [
+        policy(path, false, 1).err(),
+        policy(no_module.to_str().unwrap().to_owned(), false, 3).err(),
+        policy(String::new(), false, 3).err(),
+    ];
+    for error in refused {
+        assert_eq!(error.unwrap().kind(), ErrorKind::InvalidConfig);
+    }
+}
+
+#[test]
+fn wrong_arguments_and_answers_that_are_no_numbers_are_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut policy = policy(export(folder.path()), false, 3).unwrap();
+    let mut action = [0.0; 2];
+    assert!(policy.act(&[f32::NAN, 0.0, 0.0], &mut action).is_err());
+    assert!(policy.act(&[0.0; 2], &mut action).is_err());
+    assert!(policy.act(&[0.0; 3], &mut [0.0; 3]).is_err());
+    assert!(policy.act(&[f32::MAX, 0.0, 0.0], &mut action).is_err(), "twice the largest number is infinite");
+}
