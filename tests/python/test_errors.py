@@ -4,6 +4,7 @@ import signal
 import subprocess
 import sys
 import textwrap
+import time
 import traceback
 
 import gymnasium
@@ -167,7 +168,9 @@ def test_nothing_says_what_reset_means(tmp_path):
 
 def test_ctrl_c_does_not_end_a_training_or_leaves_the_shield_open():
     program = """
-        import sys, gymnasium, shield, numpy
+        import signal, sys, gymnasium, shield, numpy
+        # Where the tests run in the background, Ctrl-C would be ignored.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
         sys.path.insert(0, {folder!r})
         from worlds import table, near_start
         env = shield.ShieldedEnv(table(), in_reset_set=near_start, overrides={{"experience.batch": 256}})
@@ -186,8 +189,6 @@ def test_ctrl_c_does_not_end_a_training_or_leaves_the_shield_open():
     try:
         assert child.stdout.readline() == "begun\n"
         # Into the midst of an update.
-        import time
-
         time.sleep(1.0)
         os.kill(child.pid, signal.SIGINT)
         rest, _ = child.communicate(timeout=60)
