@@ -189,6 +189,7 @@ pub struct ObservedDecision<'a> {
 /// # let verdict = Gentle(0.5).evaluate(&context, &mut Reason::new(&mut buffer)).unwrap();
 /// # assert_eq!(verdict.verdict, Verdict::Reject);
 /// ```
+#[allow(unused_variables, reason = "the defaults name their arguments for whoever writes others")]
 pub trait AbortRule: Checkpoint {
     /// What must be computed before the rule is asked. Called once; the answer must not change.
     fn needs(&self) -> Needs;
@@ -206,7 +207,6 @@ pub trait AbortRule: Checkpoint {
     /// # Errors
     /// [`ErrorKind::Unsupported`](crate::ErrorKind::Unsupported) by default: the action is then aborted, not altered.
     fn linearise(&self, context: &RuleContext<'_>, gradients: &[f32], rows: &mut dyn Rows) -> Result<()> {
-        let _ = (context, gradients, rows);
         Err(Error::unsupported("linearising the rule"))
     }
 
@@ -216,7 +216,6 @@ pub trait AbortRule: Checkpoint {
     /// # Errors
     /// Anything that keeps the rule from going on; the run ends.
     fn observe(&mut self, decision: &ObservedDecision<'_>) -> Result<()> {
-        let _ = decision;
         Ok(())
     }
 }

@@ -155,6 +155,7 @@ impl TryFrom<StepView> for StepOutcome {
 /// let outcome = line.step(&[1.0], &mut observation).unwrap();
 /// assert!(!outcome.irreversible && observation[0] > 0.0);
 /// ```
+#[allow(unused_variables, reason = "the defaults name their arguments for whoever writes others")]
 pub trait Environment: Checkpoint {
     /// What the environment is. Called once, before the first reset; the answer must not change.
     fn spec(&self) -> EnvironmentSpec;
@@ -181,7 +182,6 @@ pub trait Environment: Checkpoint {
     /// # Errors
     /// There is no such start.
     fn reset_to(&mut self, start: &str, seed: u64, observation: &mut [f32]) -> Result<()> {
-        let _ = (seed, observation);
         Err(Error::invalid_argument(format!("this environment has no start named {start:?}")))
     }
 
@@ -210,7 +210,6 @@ pub trait Environment: Checkpoint {
     /// # Errors
     /// [`ErrorKind::Unsupported`](crate::ErrorKind::Unsupported) by default; the picture is too large, or this machine cannot draw.
     fn render(&mut self, frame: &mut Frame<'_>) -> Result<()> {
-        let _ = frame;
         Err(Error::unsupported("drawing"))
     }
 }

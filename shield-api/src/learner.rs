@@ -110,6 +110,7 @@ pub struct Batch<'a> {
 /// # mean.q_values(&[0.0], &[0.0], &mut values).unwrap();
 /// # assert!(values[0] > 0.0);
 /// ```
+#[allow(unused_variables, reason = "the defaults name their arguments for whoever writes others")]
 pub trait Learner: Checkpoint {
     /// What the learner is. Called once, before anything else; the answer must not change.
     fn info(&self) -> LearnerInfo;
@@ -137,7 +138,6 @@ pub trait Learner: Checkpoint {
         values: &mut [f32],
         gradients: &mut [f32],
     ) -> Result<()> {
-        let _ = (observation, action, values, gradients);
         Err(Error::unsupported("the gradient of Q with respect to the action"))
     }
 
@@ -146,7 +146,6 @@ pub trait Learner: Checkpoint {
     /// # Errors
     /// [`ErrorKind::Unsupported`](crate::ErrorKind::Unsupported) by default.
     fn weights(&self, bytes: &mut Vec<u8>) -> Result<()> {
-        let _ = bytes;
         Err(Error::unsupported("writing its weights"))
     }
 
@@ -156,7 +155,6 @@ pub trait Learner: Checkpoint {
     /// # Errors
     /// [`ErrorKind::Unsupported`](crate::ErrorKind::Unsupported) by default.
     fn onnx(&self, bytes: &mut Vec<u8>) -> Result<()> {
-        let _ = bytes;
         Err(Error::unsupported("writing its policy as ONNX"))
     }
 

@@ -18,13 +18,13 @@ pub trait Plugin: Checkpoint + Sized + 'static {
 
 /// The state of an instance as bytes, so that a run can be stopped and continued. "Unsupported" is a legal answer:
 /// the run then continues at the next hard reset and says so.
+#[allow(unused_variables, reason = "the defaults name their arguments for whoever writes others")]
 pub trait Checkpoint: Send {
     /// Appends the full state to `bytes`: with it, an instance made from the same configuration continues bit for bit.
     ///
     /// # Errors
     /// [`ErrorKind::Unsupported`](crate::ErrorKind::Unsupported) by default.
     fn save(&self, bytes: &mut Vec<u8>) -> Result<()> {
-        let _ = bytes;
         Err(Error::unsupported("saving the state"))
     }
 
@@ -33,7 +33,6 @@ pub trait Checkpoint: Send {
     /// # Errors
     /// [`ErrorKind::Unsupported`](crate::ErrorKind::Unsupported) by default; bytes that are not such a state.
     fn load(&mut self, bytes: &[u8]) -> Result<()> {
-        let _ = bytes;
         Err(Error::unsupported("loading a state"))
     }
 }

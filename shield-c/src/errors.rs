@@ -10,9 +10,21 @@ thread_local! {
     static LAST: RefCell<CString> = RefCell::default();
 }
 
-/// Remembers an error of this thread; an empty one is none.
+/// Remembers an error of this thread.
 pub fn keep(error: impl Display) {
     LAST.set(text(error));
+}
+
+/// Forgets it. Calls that succeed one after the other allocate nothing for it.
+pub fn clear() {
+    LAST.with_borrow_mut(forget);
+}
+
+/// Empties a text, if it is not empty already: an empty one takes memory, too.
+pub fn forget(text: &mut CString) {
+    if !text.is_empty() {
+        *text = CString::default();
+    }
 }
 
 /// The last error of this thread: valid until its next call.

@@ -2,13 +2,18 @@
 #![allow(unsafe_code, reason = "the boundary to C")]
 
 use std::{
+    convert::Infallible,
     ffi::{CStr, OsStr, c_char, c_void},
+    fmt::Display,
     os::unix::ffi::OsStrExt,
     path::{Path, PathBuf},
     ptr, slice,
 };
 
-use runtime::decision::Decision;
+use runtime::{
+    decision::Decision,
+    drop_in::{DropIn, StateError},
+};
 use shield_api::{Phase, ResetSignal};
 
 use crate::{
@@ -39,7 +44,7 @@ pub const SHIELD_RESETTING: i32 = 5;
 /// `config` is a text that ends with 0.
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn shield_open(config: *const c_char) -> *mut Shield {
-    let opened = handle::guarded(|| {
+    let opened = handle::guarded(|| -> Result<Shield, String> {
         // SAFETY: the caller's promise; null is refused inside.
         let config = unsafe { path(config) }.ok_or("the path of the configuration is null")?;
         handle::open(&config, library_folder().as_deref())
@@ -70,13 +75,14 @@ pub unsafe extern "C" fn shield_filter(
         errors::keep("the shield, the observation or the action is null");
         return SHIELD_FAILED;
     };
-    let decision =
-        shield.with(|drop_in| drop_in.filter(observation, action).map_err(|error| error.to_string()));
-    let Some(decision) = decision else {
+    let Some(decision) = shield.with(|drop_in| drop_in.filter(observation, action)) else {
         shield.rest(action);
         return SHIELD_FAILED;
     };
-    shield.reason = errors::text(shield.drop_in.shield().reason());
+    match shield.drop_in.shield().reason() {
+        "" => errors::forget(&mut shield.reason),
+        reason => shield.reason = errors::text(reason),
+    }
     match decision {
         Decision::Allow => SHIELD_ALLOW,
         Decision::WarmUp => SHIELD_WARM_UP,
@@ -128,7 +134,7 @@ pub unsafe extern "C" fn shield_observe_reset(
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn shield_begin_reset(shield: *mut Shield) -> i32 {
     // SAFETY: the caller's promise.
-    unsafe { on(shield, |shield| shield.with(|drop_in| Ok(drop_in.begin_reset())).map(|_| SHIELD_DONE)) }
+    unsafe { change(shield, |drop_in| Ok::<_, Infallible>(drop_in.begin_reset())) }
 }
 
 /// 1 if the reset agent is in charge of the next step, else 0.
@@ -162,17 +168,8 @@ pub unsafe extern "C" fn shield_hard_reset_done(
     observation: *const f32,
     observation_len: usize,
 ) -> i32 {
-    // SAFETY: the caller's promise; null is refused.
-    let Some(observation) = (unsafe { numbers(observation, observation_len) }) else {
-        errors::keep("the observation is null");
-        return SHIELD_FAILED;
-    };
-    let done = |shield: &mut Shield| {
-        let placed = |drop_in: &mut runtime::drop_in::DropIn| drop_in.hard_reset_done(observation);
-        shield.with(|drop_in| placed(drop_in).map_err(|error| error.to_string())).map(|()| SHIELD_DONE)
-    };
     // SAFETY: the caller's promise.
-    unsafe { on(shield, done) }
+    unsafe { see(shield, observation, observation_len, DropIn::hard_reset_done) }
 }
 
 /// Mean of the reset ensemble's values of the action that was proposed last; NaN if no rule needed them.
@@ -202,15 +199,7 @@ pub unsafe extern "C" fn shield_reason(shield: *const Shield) -> *const c_char {
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn shield_save(shield: *mut Shield, file: *const c_char) -> i32 {
     // SAFETY: the caller's promise.
-    let file = unsafe { path(file) };
-    let save = |shield: &mut Shield| {
-        shield.with(|drop_in| {
-            let file = file.as_deref().ok_or("the path is null")?;
-            drop_in.save(file).map_err(|error| error.to_string())
-        })
-    };
-    // SAFETY: the caller's promise.
-    unsafe { on(shield, |shield| save(shield).map(|()| SHIELD_DONE)) }
+    unsafe { with_file(shield, file, DropIn::save) }
 }
 
 /// Goes on from a file of a shield with the same configuration; a hard reset is needed then.
@@ -220,15 +209,7 @@ pub unsafe extern "C" fn shield_save(shield: *mut Shield, file: *const c_char) -
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn shield_load(shield: *mut Shield, file: *const c_char) -> i32 {
     // SAFETY: the caller's promise.
-    let file = unsafe { path(file) };
-    let load = |shield: &mut Shield| {
-        shield.with(|drop_in| {
-            let file = file.as_deref().ok_or("the path is null")?;
-            drop_in.load(file).map_err(|error| error.to_string())
-        })
-    };
-    // SAFETY: the caller's promise.
-    unsafe { on(shield, |shield| load(shield).map(|()| SHIELD_DONE)) }
+    unsafe { with_file(shield, file, DropIn::load) }
 }
 
 /// Why the last call of this thread has failed; empty if it has not. Valid until its next call.
@@ -249,7 +230,7 @@ pub unsafe extern "C" fn shield_close(shield: *mut Shield) {
         // Where a plugin panics when it goes, there is nothing left to be done.
         handle::guarded(|| {
             drop(shield);
-            Ok(())
+            Ok::<_, Infallible>(())
         });
     }
 }
@@ -261,17 +242,46 @@ unsafe fn observe(
     signal: Option<ResetSignal>,
     terminated: i32,
 ) -> i32 {
+    // SAFETY: the caller's promise.
+    unsafe { see(shield, next, length, |drop_in, next| drop_in.observe(next, signal, terminated != 0)) }
+}
+
+/// Tells a shield that may be null of an observation that may be.
+unsafe fn see(
+    shield: *mut Shield,
+    observation: *const f32,
+    length: usize,
+    body: impl FnOnce(&mut DropIn, &[f32]) -> shield_api::Result<()>,
+) -> i32 {
     // SAFETY: the caller's promise; null is refused.
-    let Some(next) = (unsafe { numbers(next, length) }) else {
+    let Some(observation) = (unsafe { numbers(observation, length) }) else {
         errors::keep("the observation is null");
         return SHIELD_FAILED;
     };
-    let observe = |shield: &mut Shield| {
-        shield
-            .with(|drop_in| drop_in.observe(next, signal, terminated != 0).map_err(|error| error.to_string()))
+    // SAFETY: the caller's promise.
+    unsafe { change(shield, |drop_in| body(drop_in, observation)) }
+}
+
+/// Writes or reads a shield's file.
+unsafe fn with_file(
+    shield: *mut Shield,
+    file: *const c_char,
+    body: impl FnOnce(&mut DropIn, &Path) -> Result<(), StateError>,
+) -> i32 {
+    // SAFETY: the caller's promise.
+    let file = unsafe { path(file) };
+    let checked = |drop_in: &mut DropIn| -> Result<(), String> {
+        let file = file.as_deref().ok_or("the path is null")?;
+        body(drop_in, file).map_err(|error| error.to_string())
     };
     // SAFETY: the caller's promise.
-    unsafe { on(shield, |shield| observe(shield).map(|()| SHIELD_DONE)) }
+    unsafe { change(shield, checked) }
+}
+
+/// Changes what is behind a shield that may be null.
+unsafe fn change<R, E: Display>(shield: *mut Shield, body: impl FnOnce(&mut DropIn) -> Result<R, E>) -> i32 {
+    // SAFETY: the caller's promise.
+    unsafe { on(shield, |shield| shield.with(body).map(|_| SHIELD_DONE)) }
 }
 
 /// Does something with a shield that may be null.

@@ -2,6 +2,7 @@
 
 use std::{
     ffi::CString,
+    fmt::Display,
     panic::{AssertUnwindSafe, catch_unwind},
     path::Path,
 };
@@ -10,6 +11,7 @@ use runtime::{
     drop_in::DropIn,
     experiment::DropInFile,
     plugin::{Registry, SearchPath},
+    shield::write_safe,
 };
 
 use crate::errors;
@@ -18,7 +20,7 @@ use crate::errors;
 pub struct Shield {
     pub drop_in: DropIn,
     pub reason: CString,
-    /// What a buffer holds after an error: the action of the space that is nearest to 0.
+    /// What a buffer holds after an error: the fallback action, also when the shield itself can no more be asked.
     rest: Vec<f32>,
     is_poisoned: bool,
 }
@@ -29,16 +31,15 @@ pub fn open(config: &Path, library_folder: Option<&Path>) -> Result<Shield, Stri
     let search_path = library_folder.map_or_else(SearchPath::from_environment, SearchPath::beside);
     let registry = Registry::scan(&search_path);
     let drop_in = DropIn::open(&registry, &file, None).map_err(|error| error.to_string())?;
-    let mut rest = vec![0.0; drop_in.spaces().action_len()];
-    drop_in.spaces().action.clamp(&mut rest);
+    let rest = drop_in.shield().fallback_action().to_vec();
     Ok(Shield { drop_in, reason: CString::default(), rest, is_poisoned: false })
 }
 
 /// Runs `body`; an error or a panic in it is kept for `shield_last_error`.
-pub fn guarded<R>(body: impl FnOnce() -> Result<R, String>) -> Option<R> {
+pub fn guarded<R, E: Display>(body: impl FnOnce() -> Result<R, E>) -> Option<R> {
     match catch_unwind(AssertUnwindSafe(body)) {
         Ok(Ok(value)) => {
-            errors::keep("");
+            errors::clear();
             Some(value)
         }
         Ok(Err(error)) => {
@@ -56,7 +57,7 @@ pub fn guarded<R>(body: impl FnOnce() -> Result<R, String>) -> Option<R> {
 
 impl Shield {
     /// As [`guarded`]; after a panic nothing is done with the shield any more.
-    pub fn with<R>(&mut self, body: impl FnOnce(&mut DropIn) -> Result<R, String>) -> Option<R> {
+    pub fn with<R, E: Display>(&mut self, body: impl FnOnce(&mut DropIn) -> Result<R, E>) -> Option<R> {
         if std::mem::replace(&mut self.is_poisoned, true) {
             errors::keep("the shield panicked before; close it");
             return None;
@@ -71,8 +72,6 @@ impl Shield {
 
     /// Makes an action harmless that nobody has allowed.
     pub fn rest(&self, action: &mut [f32]) {
-        let length = action.len().min(self.rest.len());
-        action[..length].copy_from_slice(&self.rest[..length]);
-        action[length..].fill(0.0);
+        write_safe(&self.rest, action);
     }
 }

@@ -17,7 +17,7 @@ use crate::{
     agent::{Agent, ForwardAgent},
     evaluation::Evaluator,
     experience::{AgentRole, AgentShare, Experience, Transition},
-    experiment::{BetweenAttempts, Mode, ResetTest, Updates},
+    experiment::{BetweenAttempts, Mode, Updates},
     observer::{Counters, EpisodeEnd, EpisodeRecord, HardReset, Observer, Tally},
     plugin,
     shield::{Attempts, Ladder},
@@ -205,10 +205,8 @@ impl<'a> JointLoop<'a> {
                 return Ok(self.lost(AgentRole::Reset, &tally));
             };
             tally += &outcome;
-            let has_reset = match self.settings.reset_test {
-                ResetTest::AnyVisited => tally.visited_reset_set,
-                ResetTest::FinalState => tally.is_in_reset_set,
-            };
+            let has_reset =
+                self.settings.reset_test.is_passed(tally.visited_reset_set, tally.is_in_reset_set);
             let has_failed = self.is_last(&tally) && !has_reset;
             self.remember(&outcome, has_failed);
             self.learn(AgentRole::Reset)?;

@@ -9,7 +9,7 @@ mod record;
 mod statistics;
 
 pub use course::{Course, EvaluationCourse};
-pub use draw::{encode_png, png, svg};
+pub use draw::{png, svg};
 pub use figures::{Band, Dots, FIGURE_NAMES, Figure, HeatMap, Lines, Row, figures};
 pub use page::page;
 pub use places::Places;

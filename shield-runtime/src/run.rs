@@ -16,7 +16,7 @@ pub use build::{Prepared, prepare};
 pub use calibration::{CalibrationBin, calibration};
 pub use counterfactual::{Counterfactual, counterfactual};
 pub use decisions::{DecisionLog, DecisionRow, read_decisions};
-pub use folder::RunFolder;
+pub use folder::{RunFolder, write_in_folder};
 pub use launch::{Launch, Order, Restored, Standing, of_folder, restore};
 pub use recorder::{Recorder, RecorderState};
 pub use replay::{Replay, replay};

@@ -21,7 +21,7 @@ mod state;
 pub use attempts::{Attempts, ResetSettings};
 pub use builder::ShieldBuilder;
 pub use jury::Judgement;
-pub use ladder::{Agents, Ladder, Moment};
+pub use ladder::{Agents, Ladder, Moment, write_safe};
 pub use rules::RuleTree;
 pub use setup::LadderSettings;
 pub(crate) use state::ShieldState;
@@ -32,7 +32,7 @@ use crate::{
     agent::Agent,
     decision::{Cause, Decision},
     experience::Experience,
-    experiment::{BetweenAttempts, ResetTest},
+    experiment::BetweenAttempts,
 };
 
 /// A shield with its reset agent, for a program that drives the robot itself.
@@ -139,6 +139,11 @@ impl Shield {
         &self.ladder.settings.spaces
     }
 
+    /// What a buffer holds where nothing better can be executed.
+    pub fn fallback_action(&self) -> &[f32] {
+        &self.ladder.settings.fallback_action
+    }
+
     /// Decides on `action`, which afterwards holds what may be executed: the proposed action, a projected one, or the reset agent's. After an
     /// abort the reset agent is in charge, until [`step_done`](Self::step_done) ends its episode.
     pub fn filter(&mut self, observation: &[f32], action: &mut [f32]) -> Decision {
@@ -188,10 +193,7 @@ impl Shield {
         if !is_over {
             return None;
         }
-        let has_reset = match self.settings.test {
-            ResetTest::AnyVisited => self.has_visited,
-            ResetTest::FinalState => in_reset_set,
-        };
+        let has_reset = self.settings.test.is_passed(self.has_visited, in_reset_set);
         self.needs_hard_reset = self.attempts.record(has_reset);
         let tries_again = !has_reset && self.settings.between_attempts == BetweenAttempts::Reset;
         if tries_again && !self.needs_hard_reset {

@@ -47,6 +47,11 @@ impl World {
         Self::around(environment, reset_task)
     }
 
+    /// Its environment, as it is.
+    pub fn into_environment(self) -> Box<dyn Environment> {
+        self.environment
+    }
+
     /// The same world with something around its environment.
     pub fn map_environment(self, wrap: impl FnOnce(Box<dyn Environment>) -> Box<dyn Environment>) -> Self {
         Self { environment: wrap(self.environment), ..self }

@@ -1,6 +1,4 @@
 //! The suites of all learners, as far as torch promises what they ask.
-#![allow(dead_code, unused_macros, reason = "of the suites, what torch does not promise is left out")]
-
 use shield_api::{ActMode, Learner, Space, Spaces};
 
 use conformance::Settings;
@@ -9,10 +7,13 @@ use crate::{Ddpg, F32, Td3, networks::numbers};
 
 #[macro_use]
 #[path = "../../../tests/learners/conformance.rs"]
+#[allow(dead_code, reason = "what torch does not promise is not asked")]
 mod conformance;
 mod bf16;
+#[allow(dead_code, unused_macros, reason = "as above")]
 #[path = "../../../tests/learners/continuous.rs"]
 mod continuous;
+#[allow(dead_code, reason = "as above")]
 #[path = "../../../tests/learners/gradients.rs"]
 mod gradients;
 #[path = "../../../tests/learners/reference.rs"]

@@ -1,16 +1,13 @@
 //! `shield export`: what the agents of a run learned, for other programs.
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-};
+use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use clap::Args;
 use shield_api::{ErrorKind, Learner};
 use shield_runtime::{
     plugin::Registry,
-    run::{RunFolder, restore},
+    run::{RunFolder, restore, write_in_folder},
 };
 
 use super::Failure;
@@ -59,9 +56,7 @@ fn write(name: &str, learner: &dyn Learner, out: &Path) -> Result<u32> {
         match write(learner, &mut bytes) {
             Ok(()) => {
                 let path = out.join(format!("{name}.{extension}"));
-                fs::create_dir_all(out)
-                    .and_then(|()| fs::write(&path, &bytes))
-                    .with_context(|| format!("{} cannot be written", path.display()))?;
+                write_in_folder(&path, &bytes)?;
                 println!("{}", path.display());
                 count += 1;
             }

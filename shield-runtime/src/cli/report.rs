@@ -1,20 +1,17 @@
 //! `shield report`: what runs came to, on one page and in pictures.
 
-use std::{
-    fs,
-    path::{Path, PathBuf},
-};
+use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, bail};
 use base64::{Engine, prelude::BASE64_STANDARD};
 use clap::Args;
-use shield_api::{Environment, Frame};
+use shield_api::Frame;
 use shield_runtime::{
     experiment::ExperimentFile,
-    film::{Picture, SharedEnvironment},
+    film::Picture,
     plugin::Registry,
-    report::{FIGURE_NAMES, Places, Record, VariantRecord, encode_png, figures, page, png, svg},
-    run::{RunFolder, prepare},
+    report::{FIGURE_NAMES, Places, Record, VariantRecord, figures, page, png, svg},
+    run::{RunFolder, prepare, write_in_folder},
 };
 
 use super::{Failure, eval::runs_in};
@@ -137,10 +134,10 @@ fn write(record: &Record, arguments: &ReportArguments, registry: &Registry) -> R
     };
     if let Some(folder) = &arguments.png {
         for figure in &figures {
-            save(&place(folder, figure.name(), "png"), &png(figure)?)?;
+            write_in_folder(&place(folder, figure.name(), "png"), &png(figure)?)?;
         }
         for drawn in &drawn {
-            save(&place(folder, &drawn.name, "png"), &encoded(&drawn.picture)?)?;
+            write_in_folder(&place(folder, &drawn.name, "png"), &drawn.picture.png()?)?;
         }
     }
     let mut pictures = Vec::with_capacity(drawn.len());
@@ -150,26 +147,19 @@ fn write(record: &Record, arguments: &ReportArguments, registry: &Registry) -> R
     }
     if let Some(folder) = &arguments.svg {
         for figure in &figures {
-            save(&place(folder, figure.name(), "svg"), svg(figure)?.as_bytes())?;
+            write_in_folder(&place(folder, figure.name(), "svg"), svg(figure)?.as_bytes())?;
         }
         for (name, _, text) in &pictures {
-            save(&place(folder, name, "svg"), text.as_bytes())?;
+            write_in_folder(&place(folder, name, "svg"), text.as_bytes())?;
         }
     }
     let out = arguments.out.clone().unwrap_or_else(|| match &arguments.sources[0] {
         source if source.is_dir() => source.join("report.html"),
         source => source.with_extension("html"),
     });
-    save(&out, page(record, &figures, &pictures)?.as_bytes())?;
+    write_in_folder(&out, page(record, &figures, &pictures)?.as_bytes())?;
     println!("{}", out.display());
     Ok(())
-}
-
-fn save(path: &Path, bytes: &[u8]) -> Result<()> {
-    path.parent()
-        .map_or(Ok(()), fs::create_dir_all)
-        .and_then(|()| fs::write(path, bytes))
-        .with_context(|| format!("{} cannot be written", path.display()))
 }
 
 /// Where variants with discrete observations were aborted, drawn by their environments, which alone know where a cell lies.
@@ -205,13 +195,7 @@ fn drawing(variant: &VariantRecord, shares: &[f64], registry: &Registry) -> Resu
     let file = ExperimentFile::from_text("the record", variant.config.as_str());
     let variants = file.variants(&[], None)?;
     let first = variants.first().context("the record has no configuration")?;
-    let mut shared = None;
-    prepare(registry, first, 0)?.participants.world.map_environment(|environment| {
-        let environment = SharedEnvironment::new(environment);
-        shared = Some(environment.clone());
-        Box::new(environment)
-    });
-    let mut environment = shared.context("there is no environment")?;
+    let mut environment = prepare(registry, first, 0)?.participants.world.into_environment();
     let [width, height] = environment.frame_size().map(|pixels| pixels * MAGNIFICATION);
     let most = shares.iter().copied().fold(0.0, f64::max);
     let shades: Vec<f32> = shares.iter().map(|share| (share / most) as f32).collect();
@@ -224,14 +208,10 @@ fn drawing(variant: &VariantRecord, shares: &[f64], registry: &Registry) -> Resu
     })
 }
 
-fn encoded(picture: &Picture) -> Result<Vec<u8>> {
-    encode_png(picture.pixels(), [picture.width() as u32, picture.height() as u32])
-}
-
 /// A picture with its title, as an SVG document.
 fn framed(drawn: &Drawn) -> Result<String> {
     let [width, height] = [drawn.picture.width(), drawn.picture.height()];
-    let image = BASE64_STANDARD.encode(encoded(&drawn.picture)?);
+    let image = BASE64_STANDARD.encode(drawn.picture.png()?);
     let title = drawn.title.replace('&', "&amp;").replace('<', "&lt;");
     Ok(format!(
         "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {}\" width=\"{width}\">\

@@ -2,14 +2,14 @@
 
 use std::path::Path;
 
-use shield_api::{Result, Setup, Space, Spaces};
+use shield_api::{Result, Space, Spaces};
 
 use super::{DropIn, Learning};
 use crate::{
     agent::Agent,
     experience::{AgentRole, Experience},
     experiment::{DropInConfig, DropInFile, InputError, Override},
-    plugin::{self, Registry},
+    plugin::Registry,
     shield::{ResetSettings, Shield},
     workshop::{Stream, Workshop},
 };
@@ -65,11 +65,7 @@ impl DropIn {
         let spaces = spaces_of(file, spaces)?;
         let task = match &config.reset_task {
             None => None,
-            Some(choice) => {
-                let seed = workshop.derived_seed(Stream::ResetTask);
-                let setup = Setup::with_spaces(seed, threads, plugin::host(), spaces.clone());
-                Some(workshop.reset_task(choice, &setup)?)
-            }
+            Some(choice) => Some(workshop.reset_task(choice, &workshop.setup(Stream::ResetTask, &spaces))?),
         };
         let learner = workshop.learner("reset", &config.reset, &workshop.setup(Stream::Reset, &spaces))?;
         let ladder = workshop.ladder(&config.shield, &*learner, &spaces, Stream::Rules)?;

@@ -417,6 +417,16 @@ pub enum ResetTest {
     FinalState,
 }
 
+impl ResetTest {
+    /// Of an episode that has visited the reset set or not, and is there now or not.
+    pub fn is_passed(self, has_visited: bool, is_there: bool) -> bool {
+        match self {
+            Self::AnyVisited => has_visited,
+            Self::FinalState => is_there,
+        }
+    }
+}
+
 /// What lies between two attempts to reset.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
 pub enum BetweenAttempts {

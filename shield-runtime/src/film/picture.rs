@@ -2,6 +2,7 @@
 
 use std::convert::Infallible;
 
+use anyhow::Result;
 use embedded_graphics::{
     Pixel,
     draw_target::DrawTarget,
@@ -22,6 +23,11 @@ impl Picture {
         Self { width, pixels: vec![0; 3 * width * height] }
     }
 
+    /// Of these bytes, rows of `width` pixels.
+    pub(crate) fn of(width: usize, pixels: Vec<u8>) -> Self {
+        Self { width, pixels }
+    }
+
     /// Pixels in a row.
     pub fn width(&self) -> usize {
         self.width
@@ -40,6 +46,21 @@ impl Picture {
     /// The bytes, to draw into.
     pub fn pixels_mut(&mut self) -> &mut [u8] {
         &mut self.pixels
+    }
+
+    /// As a PNG file.
+    ///
+    /// # Errors
+    /// It has no pixels.
+    pub fn png(&self) -> Result<Vec<u8>> {
+        let mut bytes = Vec::new();
+        let mut encoder = png::Encoder::new(&mut bytes, self.width as u32, self.height() as u32);
+        encoder.set_color(png::ColorType::Rgb);
+        encoder.set_compression(png::Compression::High);
+        let mut writer = encoder.write_header()?;
+        writer.write_image_data(&self.pixels)?;
+        writer.finish()?;
+        Ok(bytes)
     }
 
     /// Copies a picture to `[left, top]`; it must fit.

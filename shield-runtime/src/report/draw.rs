@@ -14,6 +14,7 @@ use plotters::{
 };
 
 use super::figures::Figure;
+use crate::film::Picture;
 
 /// Size of a figure in points: two beside each other fill a page.
 const SIZE: [u32; 2] = [640, 400];
@@ -77,22 +78,7 @@ pub fn png(figure: &Figure) -> Result<Vec<u8>> {
     let area = BitMapBackend::with_buffer(&mut pixels, (width, height)).into_drawing_area();
     draw(&Canvas { area, scale, figure })?;
     let pixels = smaller(&pixels, width as usize, SUPERSAMPLING as usize);
-    encode_png(&pixels, [width / SUPERSAMPLING, height / SUPERSAMPLING])
-}
-
-/// Pixels, three bytes each, as a PNG file of so many columns and rows.
-///
-/// # Errors
-/// There are not as many pixels.
-pub fn encode_png(pixels: &[u8], [width, height]: [u32; 2]) -> Result<Vec<u8>> {
-    let mut bytes = Vec::new();
-    let mut encoder = png::Encoder::new(&mut bytes, width, height);
-    encoder.set_color(png::ColorType::Rgb);
-    encoder.set_compression(png::Compression::High);
-    let mut writer = encoder.write_header()?;
-    writer.write_image_data(pixels)?;
-    writer.finish()?;
-    Ok(bytes)
+    Picture::of((width / SUPERSAMPLING) as usize, pixels).png()
 }
 
 /// Means over squares of `times` by `times` pixels.

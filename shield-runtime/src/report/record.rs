@@ -12,7 +12,7 @@ use super::{
 use crate::{
     checkpoint::PluginVersion,
     experiment::{Difference, ExperimentFile, differences},
-    run::{Order, RunFolder, Summary, of_folder},
+    run::{Order, RunFolder, Summary, of_folder, write_in_folder},
 };
 
 /// Raised with every change of what runs come to.
@@ -160,10 +160,7 @@ impl Record {
             text += &format!("\n{}]}}", runs.join(",\n"));
         }
         text += "\n]}\n";
-        path.parent()
-            .map_or(Ok(()), fs::create_dir_all)
-            .and_then(|()| fs::write(path, text))
-            .with_context(|| format!("{} cannot be written", path.display()))
+        write_in_folder(path, text.as_bytes())
     }
 
     /// Takes over the runs of `other`; where both have one, that of `other` counts. A variant whose configuration or plugins changed

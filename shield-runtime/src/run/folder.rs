@@ -129,6 +129,17 @@ impl RunFolder {
     }
 }
 
+/// Writes a file so that it is there whole or not at all, and makes its folder if need be.
+///
+/// # Errors
+/// It cannot be written.
+pub fn write_in_folder(path: &Path, bytes: &[u8]) -> Result<()> {
+    path.parent()
+        .map_or(Ok(()), fs::create_dir_all)
+        .with_context(|| format!("{} cannot be written", path.display()))?;
+    write_whole(path, bytes)
+}
+
 /// Writes a file so that it is there whole or not at all.
 pub(super) fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
     let aside = path.with_extension("partial");

@@ -200,7 +200,7 @@ impl Ladder {
 }
 
 /// A caller's buffer of the wrong length gets what fits; its action was rejected for that length.
-fn write_safe(safe: &[f32], action: &mut [f32]) {
+pub fn write_safe(safe: &[f32], action: &mut [f32]) {
     let length = safe.len().min(action.len());
     action[..length].copy_from_slice(&safe[..length]);
     action[length..].fill(0.0);

@@ -3,10 +3,11 @@
 mod judging;
 
 use super::record::{Record, Summary, Variant};
-pub use judging::{Finding, Verdict};
 use judging::{
-    aborts_in, alike, busy_note, fewer, fewer_at_return, gain, medians, monotone, resets, shown, solve,
+    BESIDE, THEN, aborts_in, alike, busy_note, fewer_at_return, fewer_resets, gain, medians, monotone,
+    resets, shown, solve,
 };
+pub use judging::{Finding, Verdict};
 
 /// With fewer there is no verdict.
 const FEWEST_SEEDS: usize = 3;
@@ -44,13 +45,9 @@ pub const CLAIMS: &[Claim] = &[
         experiment: "gridworld-qmin",
         variants: &["q_min-0", "q_min-0.4"],
         judge: |variants| {
-            let (percent, verdict) = fewer(variants, 78.0)?;
+            let Finding { ours, verdict } = fewer_resets(variants, 78.0)?;
             let steps = medians(variants, solve)?;
-            let ours = format!(
-                "hard resets {}: {percent:.0}% fewer; steps to solve {}",
-                shown(variants, resets, 0)?,
-                shown(variants, solve, 0)?
-            );
+            let ours = format!("{ours}; steps to solve {}", shown(variants, solve, 0, THEN)?);
             Some(Finding { ours, verdict: verdict.and(Verdict::if_so(steps[1] <= steps[0] * 1.1)) })
         },
     },
@@ -80,7 +77,7 @@ pub const CLAIMS: &[Claim] = &[
             let (returns, resets) = (medians(variants, gain)?, medians(variants, resets)?);
             let ours = format!(
                 "return {} (ours / forward-only / status quo); hard resets {:.0} / {:.0} / {:.0}",
-                shown(variants, gain, 1)?.replace('→', "/"),
+                shown(variants, gain, 1, BESIDE)?,
                 resets[0],
                 resets[1],
                 resets[2]
@@ -121,8 +118,7 @@ pub const CLAIMS: &[Claim] = &[
         experiment: "cliff-cheetah-small",
         variants: &["status-quo", "attempts-1"],
         judge: |variants| {
-            let (percent, verdict) = fewer(variants, 69.0)?;
-            let ours = format!("hard resets {}: {percent:.0}% fewer", shown(variants, resets, 0)?);
+            let Finding { ours, verdict } = fewer_resets(variants, 69.0)?;
             Some(Finding { ours: ours + busy_note(variants)?, verdict })
         },
     },
@@ -148,13 +144,7 @@ pub const CLAIMS: &[Claim] = &[
         claim: "N = 1: 64% fewer hard resets than the status quo",
         experiment: "pusher-small",
         variants: &["status-quo", "attempts-1"],
-        judge: |variants| {
-            let (percent, verdict) = fewer(variants, 64.0)?;
-            Some(Finding {
-                ours: format!("hard resets {}: {percent:.0}% fewer", shown(variants, resets, 0)?),
-                verdict,
-            })
-        },
+        judge: |variants| fewer_resets(variants, 64.0),
     },
     Claim {
         section: "6.4",
@@ -181,7 +171,7 @@ pub const CLAIMS: &[Claim] = &[
         judge: |variants| {
             let Finding { ours, verdict } = monotone(variants)?;
             let returns = medians(variants, gain)?;
-            let ours = format!("{ours}; return {}", shown(variants, gain, 1)?);
+            let ours = format!("{ours}; return {}", shown(variants, gain, 1, THEN)?);
             Some(Finding { ours, verdict: verdict.and(Verdict::if_so(returns[0] < returns[1] * 0.75)) })
         },
     },
@@ -196,12 +186,12 @@ pub const CLAIMS: &[Claim] = &[
             let rates = medians(variants, rate)?;
             let ours = format!(
                 "success {} %; hard resets {} (ours / insert-only)",
-                shown(variants, rate, 0)?,
-                shown(variants, resets, 0)?
+                shown(variants, rate, 0, BESIDE)?,
+                shown(variants, resets, 0, BESIDE)?
             );
             let verdict = Verdict::if_so(rates[0] >= 50.0).and(Verdict::if_so(rates[1] < 10.0));
             let verdict = if rates[0] == 0.0 { Verdict::Fails } else { verdict };
-            Some(Finding { ours: ours.replace('→', "/"), verdict })
+            Some(Finding { ours, verdict })
         },
     },
     Claim {
@@ -212,12 +202,14 @@ pub const CLAIMS: &[Claim] = &[
         variants: &["optimistic-0.6", "realist-0.6", "pessimistic-0.6"],
         judge: |variants| {
             let returns = medians(variants, gain)?;
-            let steps = shown(variants, solve, 0)?;
+            let steps = shown(variants, solve, 0, BESIDE)?;
             let verdict =
                 Verdict::if_so(returns[0] > 0.0).and(Verdict::if_so(returns[1] + returns[2] == 0.0));
-            let ours =
-                format!("return {}; steps to solve {steps} (max / mean / min)", shown(variants, gain, 0)?);
-            Some(Finding { ours: ours.replace('→', "/"), verdict })
+            let ours = format!(
+                "return {}; steps to solve {steps} (max / mean / min)",
+                shown(variants, gain, 0, BESIDE)?
+            );
+            Some(Finding { ours, verdict })
         },
     },
     Claim {

@@ -3,13 +3,13 @@
 mod templates;
 
 use std::{
-    env, fs,
+    env,
     path::{Path, PathBuf},
 };
 
 use clap::{Args, ValueEnum};
 
-use shield_runtime::plugin::Kind;
+use shield_runtime::{plugin::Kind, run::write_in_folder};
 
 use self::templates::{Values, templates};
 use super::super::Failure;
@@ -94,8 +94,7 @@ pub fn new(arguments: &NewArguments) -> Result<(), Failure> {
     let texts = files(arguments, name, &api).map_err(|error| Failure::Run(format!("{error:#}")))?;
     for (file, text) in texts {
         let path = folder.join(file);
-        let made = path.parent().map_or(Ok(()), fs::create_dir_all).and_then(|()| fs::write(&path, text));
-        made.map_err(|error| Failure::Run(format!("{} cannot be written: {error}", path.display())))?;
+        write_in_folder(&path, text.as_bytes()).map_err(|error| Failure::Run(format!("{error:#}")))?;
     }
     let build = if arguments.language == Language::Rust { "cargo build --release" } else { "make" };
     let library = library(arguments.language, name);

@@ -80,7 +80,11 @@ impl Encoder {
     /// Completes the file.
     pub fn finish(self) -> Result<()> {
         match self.form {
-            Form::Png(last) => write_png(&self.partial, &last.context("nothing was filmed")?)?,
+            Form::Png(last) => {
+                let png = last.context("nothing was filmed")?.png()?;
+                fs::write(&self.partial, png)
+                    .with_context(|| format!("cannot write {}", self.partial.display()))?;
+            }
             Form::Gif(gif) => gif.context("nothing was filmed")?.finish()?,
             Form::Mp4(child) => {
                 // Waiting closes its input first.
@@ -94,16 +98,6 @@ impl Encoder {
 
 fn create(path: &Path) -> Result<BufWriter<File>> {
     Ok(BufWriter::new(File::create(path).with_context(|| format!("cannot write {}", path.display()))?))
-}
-
-fn write_png(path: &Path, picture: &Picture) -> Result<()> {
-    let mut encoder = png::Encoder::new(create(path)?, picture.width() as u32, picture.height() as u32);
-    encoder.set_color(png::ColorType::Rgb);
-    encoder.set_depth(png::BitDepth::Eight);
-    encoder.set_compression(png::Compression::High);
-    let mut writer = encoder.write_header()?;
-    writer.write_image_data(picture.pixels())?;
-    writer.finish().context("the PNG was not completed")
 }
 
 fn ffmpeg(path: &Path, picture: &Picture, fps: u16) -> Result<Child> {

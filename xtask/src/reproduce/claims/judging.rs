@@ -54,15 +54,20 @@ pub(super) fn medians(variants: &[&Variant], figure: fn(&Summary) -> Option<f64>
     variants.iter().map(|variant| Some(variant.spread(figure)?.median())).collect()
 }
 
-/// Medians with quartiles, one after the other.
+/// Between figures that follow one another, and between those that stand side by side.
+pub(super) const THEN: &str = " → ";
+pub(super) const BESIDE: &str = " / ";
+
+/// Medians with quartiles.
 pub(super) fn shown(
     variants: &[&Variant],
     figure: fn(&Summary) -> Option<f64>,
     decimals: usize,
+    between: &str,
 ) -> Option<String> {
     let all: Option<Vec<String>> =
         variants.iter().map(|variant| Some(variant.spread(figure)?.show(decimals))).collect();
-    Some(all?.join(" → "))
+    Some(all?.join(between))
 }
 
 /// By how many percent the second is less than the first.
@@ -75,6 +80,13 @@ pub(super) fn fewer(variants: &[&Variant], wanted: f64) -> Option<(f64, Verdict)
     let resets = medians(variants, resets)?;
     let percent = percent_fewer(resets[0], *resets.last()?);
     Some((percent, graded(percent, wanted)))
+}
+
+/// The same, with the figures.
+pub(super) fn fewer_resets(variants: &[&Variant], wanted: f64) -> Option<Finding> {
+    let (percent, verdict) = fewer(variants, wanted)?;
+    let ours = format!("hard resets {}: {percent:.0}% fewer", shown(variants, resets, 0, THEN)?);
+    Some(Finding { ours, verdict })
 }
 
 pub(super) fn graded(figure: f64, wanted: f64) -> Verdict {
@@ -102,8 +114,8 @@ pub(super) fn fewer_at_return(variants: &[&Variant], wanted: f64, kept: f64) -> 
     let (before, after) = (returns[0], *returns.last()?);
     let ours = format!(
         "hard resets {} ({percent:.0}% fewer); return {}{}",
-        shown(variants, resets, 0)?,
-        shown(variants, gain, 1)?,
+        shown(variants, resets, 0, THEN)?,
+        shown(variants, gain, 1, THEN)?,
         busy_note(variants)?
     );
     Some(Finding { ours, verdict: verdict.and(Verdict::if_so(after >= before * kept / 100.0)) })
@@ -119,7 +131,7 @@ pub(super) fn monotone(variants: &[&Variant]) -> Option<Finding> {
         (_, true) => Verdict::InPart,
         _ => Verdict::Fails,
     };
-    Some(Finding { ours: format!("hard resets {}", shown(variants, resets, 0)?), verdict })
+    Some(Finding { ours: format!("hard resets {}", shown(variants, resets, 0, THEN)?), verdict })
 }
 
 /// Neither hard resets nor returns differ by more than a quarter between the ways of combining.
@@ -131,9 +143,13 @@ pub(super) fn alike(variants: &[&Variant]) -> Option<Finding> {
         if high > 0.0 { (high - low) / high } else { 0.0 }
     };
     let [resets_apart, returns_apart] = [range(medians(variants, resets)?), range(medians(variants, gain)?)];
-    let ours = format!("hard resets {}; return {}", shown(variants, resets, 0)?, shown(variants, gain, 1)?);
+    let ours = format!(
+        "hard resets {}; return {}",
+        shown(variants, resets, 0, BESIDE)?,
+        shown(variants, gain, 1, BESIDE)?
+    );
     let verdict = Verdict::if_so(resets_apart <= 0.25).and(Verdict::if_so(returns_apart <= 0.25));
-    Some(Finding { ours: ours.replace('→', "/"), verdict })
+    Some(Finding { ours, verdict })
 }
 
 /// Of the aborts of each seed, the share in some cells; the median over the seeds.
