@@ -2,6 +2,7 @@
 #![allow(clippy::print_stdout, reason = "a command line")]
 
 mod cargo;
+mod dist;
 mod drop_in;
 mod native;
 mod peers;
@@ -36,6 +37,8 @@ const EXAMPLES: &str = "Examples:
   cargo xtask test --peers                    our robots against Gymnasium's and dm_control's
   cargo shield --with torch run mine.ron      the same with the plugin on libtorch
   cargo xtask test --torch                    that plugin's tests
+  cargo xtask dist                            an archive for machines without Rust
+  cargo xtask test --dist                     that the archive works elsewhere
   cargo xtask bench --bench decision          one benchmark
   cargo xtask bench --peers                   our learner against torch and Stable-Baselines3
   cargo xtask reproduce gridworld-qmin        one of the paper's experiments";
@@ -50,6 +53,11 @@ enum Chore {
     ///
     /// They lie side by side in `target/release`, where `shield` finds its plugins.
     Build(Build),
+    /// Pack the program, every plugin, MuJoCo, the headers and `shield-api` into an archive that runs anywhere
+    ///
+    /// It lies in `target/dist` and is tried before: unpacked elsewhere, with nothing of this environment, it runs the quickstart for a few
+    /// steps, finds and checks its plugins, shields a program in C, and makes plugins in C and in Rust.
+    Dist(Build),
     /// Build what changed, in release mode, and run `shield` with the arguments that follow
     ///
     /// Every argument behind `shield` goes to it, flags too, and its exit code comes back. But for `--with torch` at the beginning, which
@@ -82,6 +90,12 @@ enum Chore {
         /// Brings libtorch into native/torch, once (600 MB), unless LIBTORCH names yours, and compiles its bindings (some minutes, once).
         #[arg(long, conflicts_with_all = ["stages", "peers"])]
         torch: bool,
+        /// Only the archive of `dist`, built quickly and not to run quickly
+        ///
+        /// Packs what the other tests have built, unpacks it elsewhere, and uses it with an empty environment: the quickstart, a program in C,
+        /// new plugins in C and Rust.
+        #[arg(long, conflicts_with_all = ["stages", "peers", "python", "torch"])]
+        dist: bool,
     },
     /// Write `shield-api/include/shield_plugin.h` anew, after a change of the tables
     Header,
@@ -138,6 +152,7 @@ fn run(chore: Chore) -> anyhow::Result<ExitCode> {
     match chore {
         Chore::Setup => println!("MuJoCo is in {}", mujoco.display()),
         Chore::Build(Build { debug, .. }) => build(root, !debug)?,
+        Chore::Dist(Build { debug, .. }) => make_archive(root, &mujoco, !debug)?,
         Chore::Shield { arguments } => {
             let (with_torch, arguments) = split_with(&arguments)?;
             build(root, true)?;
@@ -148,6 +163,7 @@ fn run(chore: Chore) -> anyhow::Result<ExitCode> {
         }
         Chore::Test { peers: true, .. } => return peers::test(root),
         Chore::Test { python: true, .. } => return drop_in::test(root),
+        Chore::Test { dist: true, .. } => make_archive(root, &mujoco, false)?,
         Chore::Test { torch: true, .. } => torch::test(root).context("the torch plugin")?,
         Chore::Test { stages, .. } => return stages::run(root, &stages),
         Chore::Header => {
@@ -170,12 +186,17 @@ fn run(chore: Chore) -> anyhow::Result<ExitCode> {
 fn build(root: &Path, optimised: bool) -> anyhow::Result<()> {
     let mut command = cargo::command(root);
     command.args(["build", "--workspace"]);
-    // Neither is loaded by `shield`.
-    command.args(["xtask", "shield-tests", "shield-python"].map(|name| ["--exclude", name]).as_flattened());
+    command.args(dist::LEFT_OUT.map(|name| ["--exclude", name]).as_flattened());
     if optimised {
         command.arg("--release");
     }
     cargo::run(&mut command)
+}
+
+fn make_archive(root: &Path, mujoco: &Path, optimised: bool) -> anyhow::Result<()> {
+    let archive = dist::make(root, mujoco, optimised).context("the archive")?;
+    println!("{} works elsewhere", archive.display());
+    Ok(())
 }
 
 /// The `shield` program as [`build`] leaves it.

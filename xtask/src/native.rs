@@ -15,6 +15,8 @@ const MUJOCO_LINK_DIR: &str = "MUJOCO_DYNAMIC_LINK_DIR";
 const MUJOCO_FOLDER: &str = "native/mujoco";
 /// What the linker is given; a link to the library of the version.
 const MUJOCO_LIBRARY: &str = "libmujoco.so";
+/// Where its licences are kept.
+const LICENCES: &str = "licenses";
 
 /// The folder that holds MuJoCo's library: the user's own if `MUJOCO_DYNAMIC_LINK_DIR` names one, else `native/mujoco/lib`,
 /// filled from MuJoCo's Python package if need be.
@@ -34,6 +36,48 @@ pub fn mujoco(workspace_root: &Path) -> Result<PathBuf> {
     }
     install_mujoco(&ours)?;
     Ok(lib)
+}
+
+/// The name of MuJoCo's library, as the linker writes it into what needs it.
+pub fn mujoco_file() -> String {
+    format!("{MUJOCO_LIBRARY}.{MUJOCO_VERSION}")
+}
+
+/// MuJoCo's licence and those of what is linked into it: files beside the folder `lib` of its library. Who hands on the library hands on these.
+///
+/// # Errors
+/// The user's own MuJoCo has none, or the package, which holds them, cannot be had.
+pub fn mujoco_licences(workspace_root: &Path, lib: &Path) -> Result<Vec<PathBuf>> {
+    let folder = lib.parent().context("MuJoCo's library lies in a folder `lib`")?;
+    let found = licences_in(folder)?;
+    if !found.is_empty() {
+        return Ok(found);
+    }
+    if !is_in_workspace(lib, workspace_root) {
+        bail!(
+            "{} holds neither `{LICENCES}` nor LICENSE: MuJoCo cannot be handed on without. Unset {MUJOCO_LINK_DIR}: MuJoCo is then brought \
+             with its licences",
+            folder.display()
+        );
+    }
+    // An earlier set-up left them out.
+    install_mujoco(folder)?;
+    licences_in(folder)
+}
+
+/// As the Python package has them, or the archive of a release.
+fn licences_in(folder: &Path) -> Result<Vec<PathBuf>> {
+    let own = folder.join(LICENCES);
+    let searched = if own.is_dir() { own.as_path() } else { folder };
+    let mut found = Vec::new();
+    for entry in fs::read_dir(searched).with_context(|| format!("cannot read {}", searched.display()))? {
+        let path = entry?.path();
+        let name = path.file_name().and_then(|name| name.to_str()).unwrap_or_default();
+        if path.is_file() && ["LICENSE", "THIRD_PARTY"].iter().any(|start| name.starts_with(start)) {
+            found.push(path);
+        }
+    }
+    Ok(found)
 }
 
 /// Whether `path` is `native/mujoco/lib` in the workspace, however it is written and whether or not it exists: cargo itself sets
@@ -95,22 +139,25 @@ fn download_mujoco(folder: &Path) -> Result<PathBuf> {
     let wheel = find(folder, |name| name.ends_with(".whl"))?;
     let package = folder.join("package");
     run(Command::new("python3").args(["-m", "zipfile", "-e"]).arg(&wheel).arg(&package))?;
-    Ok(package.join("mujoco"))
+    Ok(package)
 }
 
-/// Moves library and headers from the unpacked package to where `mujoco-rs` and a C compiler expect them.
+/// Moves library and headers from the unpacked package to where `mujoco-rs` and a C compiler expect them, and the licences beside them.
 fn arrange_mujoco(package: &Path, ready: &Path) -> Result<()> {
-    let versioned = format!("{MUJOCO_LIBRARY}.{MUJOCO_VERSION}");
+    let licences = package.join(format!("mujoco-{MUJOCO_VERSION}.dist-info")).join(LICENCES);
+    let package = package.join("mujoco");
+    let versioned = mujoco_file();
     let lib = ready.join("lib");
     fs::create_dir_all(&lib)?;
     fs::rename(package.join(&versioned), lib.join(&versioned))
         .with_context(|| format!("MuJoCo's Python package holds no {versioned}"))?;
     fs::rename(package.join("include"), ready.join("include"))
         .context("MuJoCo's Python package holds no headers")?;
+    fs::rename(licences, ready.join(LICENCES)).context("MuJoCo's Python package holds no licences")?;
     symlink(&versioned, lib.join(MUJOCO_LIBRARY)).context("cannot link MuJoCo's library to its usual name")
 }
 
-/// Puts `ready` in the place of `folder`. What is there holds no library, else we would not be here.
+/// Puts `ready` in the place of `folder`: what is there is not complete, else we would not be here.
 fn replace(folder: &Path, ready: &Path) -> Result<()> {
     match fs::remove_dir_all(folder) {
         Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
@@ -167,6 +214,20 @@ mod tests {
     }
 
     #[test]
+    fn a_mujoco_of_the_users_without_its_licence_is_handed_on() {
+        let folder = scratch("licence");
+        let lib = folder.join("lib");
+        fs::create_dir_all(&lib).unwrap();
+        let refused = mujoco_licences(&env::temp_dir().join("elsewhere"), &lib).unwrap_err().to_string();
+        assert!(refused.contains("LICENSE") && refused.contains("Unset"), "{refused}");
+        // As in the archive of a release.
+        fs::write(folder.join("LICENSE"), b"as you like").unwrap();
+        let found = mujoco_licences(&env::temp_dir().join("elsewhere"), &lib).unwrap();
+        assert_eq!(found, [folder.join("LICENSE")]);
+        fs::remove_dir_all(folder).unwrap();
+    }
+
+    #[test]
     fn the_folder_that_cargo_names_is_not_taken_for_the_users() {
         let root = scratch("root");
         let roundabout = root.join("..").join(root.file_name().unwrap());
@@ -188,18 +249,22 @@ mod tests {
     fn a_package_is_arranged_completely_or_not_at_all() {
         let root = scratch("arrange");
         let (package, ready, folder) = (root.join("package"), root.join("ready"), root.join("native"));
-        fs::create_dir_all(package.join("include/mujoco")).unwrap();
+        let licences = package.join(format!("mujoco-{MUJOCO_VERSION}.dist-info/licenses"));
+        fs::create_dir_all(package.join("mujoco/include/mujoco")).unwrap();
+        fs::create_dir_all(&licences).unwrap();
+        fs::write(licences.join("LICENSE"), b"as you like").unwrap();
         fs::create_dir_all(&ready).unwrap();
         assert!(arrange_mujoco(&package, &ready).unwrap_err().to_string().contains(MUJOCO_VERSION));
         assert!(!folder.exists());
 
-        fs::write(package.join(format!("{MUJOCO_LIBRARY}.{MUJOCO_VERSION}")), b"library").unwrap();
+        fs::write(package.join("mujoco").join(mujoco_file()), b"library").unwrap();
         arrange_mujoco(&package, &ready).unwrap();
         // A half-done folder of an older set-up is in the way.
         fs::create_dir_all(folder.join("lib")).unwrap();
         replace(&folder, &ready).unwrap();
         assert_eq!(fs::read(folder.join("lib").join(MUJOCO_LIBRARY)).unwrap(), b"library");
         assert!(folder.join("include/mujoco").exists() && !ready.exists());
+        assert_eq!(mujoco_licences(&root, &folder.join("lib")).unwrap(), [folder.join("licenses/LICENSE")]);
         fs::remove_dir_all(root).unwrap();
     }
 }

@@ -2,6 +2,7 @@
 
 use std::{
     collections::{BTreeMap, HashMap, HashSet},
+    env::consts::{DLL_PREFIX, DLL_SUFFIX},
     fs,
     path::{Path, PathBuf},
     sync::{Arc, Mutex, PoisonError},
@@ -338,15 +339,17 @@ fn is_same_content(left: &Path, right: &Path) -> bool {
             && matches!((fs::read(left), fs::read(right)), (Ok(left), Ok(right)) if left == right)
 }
 
-/// The libraries directly in a folder, as canonical paths in the order of their names.
+/// The libraries directly in a folder, as canonical paths in the order of their names. The host itself as a library for C, which lies
+/// beside its plugins, is left out: it would be passed over in every list.
 fn libraries_in(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
+    let host = format!("{DLL_PREFIX}shield_runtime{DLL_SUFFIX}");
     let mut paths = Vec::new();
     for entry in fs::read_dir(folder)? {
         let path = entry?.path();
         let is_library = path
             .file_name()
             .and_then(|name| name.to_str())
-            .is_some_and(|name| name.ends_with(std::env::consts::DLL_SUFFIX));
+            .is_some_and(|name| name.ends_with(DLL_SUFFIX) && name != host);
         if is_library && !path.is_dir() {
             // A dangling link stays as it is and is reported as unreadable.
             paths.push(path.canonicalize().unwrap_or(path));

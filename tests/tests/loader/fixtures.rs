@@ -48,8 +48,7 @@ fn cargo(arguments: &[&str]) {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
 }
 
-/// The Rust library of that name, optimised, for measurements.
-#[allow(dead_code)] // The tests measure nothing.
+/// The Rust library of that name, optimised.
 pub fn optimised_fixture(name: &str) -> PathBuf {
     cargo(&["build", "--release", "--package", name]);
     target().join("release").join(file_name(name))

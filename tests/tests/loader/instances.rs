@@ -1,6 +1,6 @@
 //! Loaded instances behave as the Rust types that they are.
 
-use std::sync::Mutex;
+use std::{path::Path, sync::Mutex};
 
 use log::{Log, Metadata, Record};
 use shield_api::*;
@@ -8,7 +8,7 @@ use shield_runtime::plugin::{
     Kind, LoadedEnvironment, PluginError, Registry, SearchPath, Selection, drain_metrics, host,
 };
 
-use crate::fixtures::{fixture, setup};
+use crate::fixtures::{fixture, optimised_fixture, setup};
 
 fn choice(id: &str) -> Selection {
     Selection::new(id).at(fixture("every-kind"))
@@ -138,6 +138,49 @@ fn a_policy_a_rule_and_a_reset_task_answer() {
     task.observe_start(&[2.0, 0.0]).unwrap();
     let signal = task.evaluate(&[0.0, 0.0], &[0.0], &[2.5, 0.0]).unwrap();
     assert_eq!(signal, ResetSignal { reward: -0.5, in_reset_set: true });
+}
+
+/// What an environment, a learner and a policy of the library answer, and their states.
+fn session(library: &Path) -> (Vec<f32>, Vec<u8>) {
+    let choice = |id: &str| Selection::new(id).at(library);
+    let registry = Registry::default();
+    let mut line = registry.environment(&choice("fixture/line"), "(scale: 0.1)", &setup()).unwrap();
+    let mut agent = registry.learner(&choice("fixture/agent"), "(scale: 0.3)", &setup()).unwrap();
+    let mut policy = registry.policy(&choice("fixture/follower"), "(scale: 0.2)", &setup()).unwrap();
+    let (mut observation, mut action, mut values, mut state) = ([0.0; 2], [0.0], [0.0; 2], Vec::new());
+    line.reset(1, &mut observation).unwrap();
+    let mut answers = Vec::new();
+    for _ in 0..20 {
+        policy.act(&observation, &mut action).unwrap();
+        agent.q_values(&observation, &action, &mut values).unwrap();
+        let before = observation;
+        let outcome = line.step(&action, &mut observation).unwrap();
+        let batch = Batch {
+            size: 1,
+            observations: &before,
+            actions: &action,
+            rewards: &[outcome.reset_reward],
+            next_observations: &observation,
+            continuations: &[1.0],
+            masks: &[1.0; 2],
+        };
+        agent.update(&batch).unwrap();
+        answers.extend([action[0], values[0], values[1], outcome.forward_reward]);
+    }
+    line.save(&mut state).unwrap();
+    agent.save(&mut state).unwrap();
+    (answers, state)
+}
+
+/// One of the two is built as this host is, the other one is not.
+#[test]
+fn an_optimised_library_and_one_that_is_not_answer_the_same_host_differently() {
+    let answers = session(&fixture("every-kind"));
+    assert!(
+        answers.0.iter().all(|answer| answer.is_finite()) && answers.0[0] != answers.0[76],
+        "{answers:?}"
+    );
+    assert_eq!(session(&optimised_fixture("every-kind")), answers);
 }
 
 #[test]

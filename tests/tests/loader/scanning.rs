@@ -37,6 +37,7 @@ fn listing_shows_plugins_and_what_was_skipped_with_its_reason() {
     fs::write(folder.path().join("broken.so"), "text").unwrap();
     fs::write(folder.path().join("readme.txt"), "text").unwrap();
     fs::write(folder.path().join("libversioned.so.1"), "text").unwrap();
+    fs::write(folder.path().join("libshield_runtime.so"), "the host, for programs in C").unwrap();
     fs::create_dir(folder.path().join("folder.so")).unwrap();
     symlink("nowhere", folder.path().join("dangling.so")).unwrap();
     let registry = scan(&[folder.path()]);

@@ -29,7 +29,7 @@ pub struct NewArguments {
     /// The folder to make; the last part of the id if none is given.
     #[arg(long)]
     path: Option<PathBuf>,
-    /// The folder of shield-api to build against; looked for beside this program if none is given.
+    /// The folder of shield-api to build against, unpacked if it comes as a package; looked for beside this program if none is given.
     #[arg(long, value_name = "FOLDER")]
     api: Option<PathBuf>,
 }
@@ -179,7 +179,7 @@ fn check_id(id: &str) -> Result<(), String> {
     ))
 }
 
-/// The packaged interface lies beside `bin/`; in the source tree, above `target/`.
+/// In the archive of `cargo xtask dist` the packaged interface lies beside the program, in the source tree above `target/`.
 fn api_beside_program() -> Option<PathBuf> {
     let program = env::current_exe().and_then(|path| path.canonicalize()).ok()?;
     program.ancestors().skip(1).map(|folder| folder.join("shield-api")).find(|folder| is_api(folder))
