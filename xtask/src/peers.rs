@@ -23,7 +23,7 @@ pub fn test(root: &Path) -> anyhow::Result<ExitCode> {
     let test = ["test", "--quiet", "--workspace", "--lib", "peers", "--", "--include-ignored"];
     cargo::run(cargo::command(root).args(test).env("SHIELD_PEERS_FOLDER", &exported))?;
     let in_python: [&[&str]; 2] = [
-        &["test", "--quiet", "--package", "gymnasium", "--", "--ignored"],
+        &["test", "--quiet", "--workspace", "--lib", "with_gymnasium", "--", "--ignored"],
         &["test", "--quiet", "--workspace", "--test", "command_line", "--", "--ignored"],
     ];
     for test in in_python {

@@ -6,16 +6,16 @@ mod protocol;
 #[cfg(test)]
 mod tests;
 
-use std::{process, time::Duration};
+use std::{cell::RefCell, process, time::Duration};
 
 use shield_api::{
-    Checkpoint, Environment, EnvironmentSpec, Error, Plugin, Result, Setup, Space, Spaces, StepOutcome,
-    check_finite,
+    Checkpoint, Environment, EnvironmentSpec, Error, ErrorKind, Frame, Plugin, Result, Setup, Space, Spaces,
+    StepOutcome, check_finite,
 };
 use shield_worker::{Options, Waiting, Worker};
 
 use config::{GymnasiumConfig, seconds};
-use protocol::{Command, Made, SpaceSize, Wanted};
+use protocol::{Command, Drawn, Made, SpaceSize, Wanted};
 
 /// The program of the worker. The interpreter is given it as an argument, so that nothing must be found on disk.
 const WORKER: &str = include_str!("worker.py");
@@ -23,7 +23,8 @@ const WORKER: &str = include_str!("worker.py");
 /// An environment of Gymnasium in a process of its own.
 struct Gymnasium {
     id: String,
-    worker: Worker,
+    /// In a cell, since only a picture tells how large pictures are.
+    worker: RefCell<Worker>,
     spec: EnvironmentSpec,
     step_limit: Duration,
 }
@@ -54,7 +55,7 @@ impl Plugin for Gymnasium {
         let made: Made = serde_json::from_str(&made)
             .map_err(|error| Error::failed(format!("the worker's description is not one: {error}")))?;
         let spec = describe(&mut worker, &made, &config)?;
-        Ok(Self { id: config.id, worker, spec, step_limit })
+        Ok(Self { id: config.id, worker: RefCell::new(worker), spec, step_limit })
     }
 }
 
@@ -124,9 +125,34 @@ fn describe(worker: &mut Worker, made: &Made, config: &GymnasiumConfig) -> Resul
 }
 
 impl Gymnasium {
+    fn ask(&mut self, command: Command) -> Result<()> {
+        ask(self.worker.get_mut(), &self.id, command, self.step_limit, "step_timeout_s")
+    }
+
+    /// A picture of the present state, red, green and blue of each pixel, and its size.
+    fn draw(&self) -> Result<(Drawn, Vec<u8>)> {
+        let mut worker = self.worker.borrow_mut();
+        ask(&mut worker, &self.id, Command::Render, self.step_limit, "step_timeout_s").map_err(|error| {
+            match error.kind() {
+                ErrorKind::InvalidConfig => Error::unsupported(error.to_string()),
+                _ => error,
+            }
+        })?;
+        let drawn: Drawn = serde_json::from_str(&protocol::read_text(worker.memory()))
+            .map_err(|error| Error::failed(format!("the worker's picture has no size: {error}")))?;
+        let offset =
+            protocol::NUMBERS + 4 * (self.spec.spaces.action_len() + self.spec.spaces.observation_len());
+        let length = drawn.width.checked_mul(drawn.height).and_then(|pixels| pixels.checked_mul(3));
+        let length = length.filter(|length| (1..=protocol::MEMORY - offset).contains(length));
+        let mut pixels =
+            vec![0; length.ok_or_else(|| Error::failed(format!("{drawn:?} is no size of a picture")))?];
+        worker.memory().read(offset, &mut pixels);
+        Ok((drawn, pixels))
+    }
+
     fn read_observation(&mut self, observation: &mut [f32]) -> Result<()> {
         let offset = protocol::NUMBERS + 4 * self.spec.spaces.action_len();
-        self.worker.memory().read(offset, observation);
+        self.worker.get_mut().memory().read(offset, observation);
         let what = "the environment's observation";
         check_finite(what, observation, self.spec.spaces.observation_len())
             .map_err(|error| Error::failed(format!("{}: {error}", self.id)))
@@ -140,18 +166,18 @@ impl Environment for Gymnasium {
 
     fn reset(&mut self, seed: u64, observation: &mut [f32]) -> Result<()> {
         shield_api::check_length("observation", observation, self.spec.spaces.observation_len())?;
-        self.worker.memory().write(protocol::SEED, &[seed]);
-        ask(&mut self.worker, &self.id, Command::Reset, self.step_limit, "step_timeout_s")?;
+        self.worker.get_mut().memory().write(protocol::SEED, &[seed]);
+        self.ask(Command::Reset)?;
         self.read_observation(observation)
     }
 
     fn step(&mut self, action: &[f32], observation: &mut [f32]) -> Result<StepOutcome> {
         self.spec.spaces.action.check_action(action)?;
         shield_api::check_length("observation", observation, self.spec.spaces.observation_len())?;
-        self.worker.memory().write(protocol::NUMBERS, action);
-        ask(&mut self.worker, &self.id, Command::Step, self.step_limit, "step_timeout_s")?;
+        self.worker.get_mut().memory().write(protocol::NUMBERS, action);
+        self.ask(Command::Step)?;
         self.read_observation(observation)?;
-        let memory = self.worker.memory();
+        let memory = self.worker.get_mut().memory();
         let reward = memory.get::<f64>(protocol::REWARD) as f32;
         if !reward.is_finite() {
             return Err(Error::failed(format!("{}: the environment's reward is {reward}", self.id)));
@@ -163,6 +189,22 @@ impl Environment for Gymnasium {
             success: flags & protocol::SUCCESS != 0,
             ..StepOutcome::default()
         })
+    }
+
+    fn frame_size(&self) -> [usize; 2] {
+        // Before its first reset an environment draws nothing; the picture is scaled then.
+        self.draw().map_or([320, 240], |(drawn, _)| [drawn.width, drawn.height])
+    }
+
+    fn render(&mut self, frame: &mut Frame<'_>) -> Result<()> {
+        let (drawn, picture) = self.draw()?;
+        let (width, height) = (frame.width(), frame.height());
+        for (index, pixel) in frame.pixels().chunks_exact_mut(3).enumerate() {
+            let (column, row) = (index % width * drawn.width / width, index / width * drawn.height / height);
+            let start = 3 * (row * drawn.width + column);
+            pixel.copy_from_slice(&picture[start..start + 3]);
+        }
+        Ok(())
     }
 }
 

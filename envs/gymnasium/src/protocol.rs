@@ -9,6 +9,7 @@ pub enum Command {
     Make = 1,
     Reset = 2,
     Step = 3,
+    Render = 4,
 }
 
 /// The worker did what it should.
@@ -23,7 +24,7 @@ pub const REWARD: usize = 16;
 pub const FLAGS: usize = 24;
 const TEXT_LENGTH: usize = 28;
 const TEXT: usize = 32;
-/// Numbers as `f32`: of a new environment its bounds, later the action and behind it the observation.
+/// Numbers as `f32`: of a new environment its bounds, later the action, behind it the observation, and behind that a picture.
 pub const NUMBERS: usize = 1 << 20;
 /// Room for observations of 16 million values; pages that nobody writes cost nothing.
 pub const MEMORY: usize = NUMBERS + (64 << 20);
@@ -53,6 +54,13 @@ pub struct Made {
 pub enum SpaceSize {
     Box { length: usize },
     Discrete { length: usize },
+}
+
+/// The size of a picture in pixels. Its bytes lie behind the observation.
+#[derive(Debug, Deserialize)]
+pub struct Drawn {
+    pub width: usize,
+    pub height: usize,
 }
 
 /// Leaves a text for the worker; false if there is no room for it.

@@ -229,6 +229,45 @@ mod with_gymnasium {
 
     #[test]
     #[ignore = "needs Gymnasium: `cargo xtask test --peers`"]
+    fn a_picture_is_not_the_worlds() {
+        let mut world = world("", "").unwrap();
+        assert_eq!(world.frame_size(), [320, 240], "before the first reset");
+        let mut observation = [0.0; 2];
+        world.reset(0, &mut observation).unwrap();
+        world.step(&[0.5; 2], &mut observation).unwrap();
+        assert_eq!(world.frame_size(), [4, 2]);
+        let mut draw = |width: usize, height: usize| {
+            let mut pixels = vec![0; 3 * width * height];
+            world.render(&mut Frame::new(width, height, &mut pixels).unwrap()).unwrap();
+            pixels
+        };
+        let pixel = |column: u8, row: u8| [column, 100 * row, 1];
+        assert_eq!(draw(4, 2), (0..8).flat_map(|index| pixel(index % 4, index / 4)).collect::<Vec<_>>());
+        assert_eq!(draw(2, 1), [pixel(0, 0), pixel(2, 0)].concat());
+        assert_eq!(draw(8, 2)[..9], [pixel(0, 0), pixel(0, 0), pixel(1, 0)].concat());
+        world.step(&[0.5; 2], &mut observation).unwrap();
+        assert_eq!(observation[0], 2.0, "drawing changes nothing");
+    }
+
+    #[test]
+    #[ignore = "needs Gymnasium: `cargo xtask test --peers`"]
+    fn a_world_that_cannot_be_drawn_is_not_explained() {
+        for (kwargs, expected) in [
+            ("\"fault\": \"grey\"", "shape (2, 4) is not height"),
+            ("\"render_mode\": None", "render_mode is None"),
+        ] {
+            let mut world = world(kwargs, "").unwrap();
+            world.reset(0, &mut [0.0; 2]).unwrap();
+            let error = world.render(&mut Frame::new(1, 1, &mut [0; 3]).unwrap()).unwrap_err();
+            assert!(
+                error.kind() == ErrorKind::Unsupported && error.to_string().contains(expected),
+                "{error}"
+            );
+        }
+    }
+
+    #[test]
+    #[ignore = "needs Gymnasium: `cargo xtask test --peers`"]
     fn a_world_that_prints_is_disturbed() {
         let mut world = world("\"fault\": \"prints\"", "").unwrap();
         let mut observation = [0.0; 2];

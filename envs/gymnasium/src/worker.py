@@ -11,7 +11,7 @@ import traceback
 REQUEST_NUMBER, ANSWER_NUMBER = 0, 64
 COMMAND, STATUS, SEED, REWARD, FLAGS, TEXT_LENGTH, TEXT = (256 + place for place in (0, 4, 8, 16, 24, 28, 32))
 NUMBERS = 256 + (1 << 20)
-MAKE, RESET, STEP = 1, 2, 3
+MAKE, RESET, STEP, RENDER = 1, 2, 3, 4
 OK, UNFIT, RAISED = 0, 1, 2
 TERMINATED, SUCCESS = 2, 4
 
@@ -54,11 +54,19 @@ class Server:
         time_limit = spec.max_episode_steps
         try:
             self.env = gymnasium.make(
-                spec, max_episode_steps=-1, disable_env_checker=True, **wanted["kwargs"]
+                spec, max_episode_steps=-1, disable_env_checker=True, **self.with_pictures(spec, wanted["kwargs"])
             )
         except (gymnasium.error.DependencyNotInstalled, TypeError) as error:
             raise Unfit(f"{wanted['id']} cannot be made: {type(error).__name__}: {error}") from error
         self.describe(time_limit, gymnasium.__version__)
+
+    def with_pictures(self, spec, kwargs):
+        """Environments draw only when asked, but must know from the beginning how."""
+        from gymnasium.envs.registration import load_env_creator
+
+        creator = spec.entry_point if callable(spec.entry_point) else load_env_creator(spec.entry_point)
+        modes = getattr(creator, "metadata", {}).get("render_modes") or []
+        return ({"render_mode": "rgb_array"} if "rgb_array" in modes else {}) | kwargs
 
     def describe(self, time_limit, version):
         observed, done = self.env.observation_space, self.env.action_space
@@ -138,6 +146,19 @@ class Server:
             )
         self.observation[:] = values
 
+    def render(self):
+        if self.env.render_mode != "rgb_array":
+            raise Unfit(f"drawing: the environment's render_mode is {self.env.render_mode!r}, not 'rgb_array'")
+        picture = self.numpy.asarray(self.env.render())
+        if picture.ndim != 3 or picture.shape[2] != 3 or picture.dtype != self.numpy.uint8:
+            raise Unfit(f"drawing: a picture of {picture.dtype} and shape {picture.shape} is not height × width × 3 bytes")
+        height, width, _ = picture.shape
+        start = NUMBERS + 4 * (self.actions.size + self.observation.size)
+        if start + picture.size > len(self.block):
+            raise Unfit(f"drawing: a picture of {width} × {height} does not fit into the shared memory")
+        self.block[start : start + picture.size] = picture.tobytes()
+        self.write_text(json.dumps({"width": width, "height": height}))
+
     def write_text(self, text):
         data = text.encode(errors="replace")[-(NUMBERS - TEXT) :]
         struct.pack_into("=I", self.block, TEXT_LENGTH, len(data))
@@ -147,7 +168,7 @@ class Server:
         (command,) = struct.unpack_from("=I", self.block, COMMAND)
         status = OK
         try:
-            {MAKE: self.make, RESET: self.reset, STEP: self.step}[command]()
+            {MAKE: self.make, RESET: self.reset, STEP: self.step, RENDER: self.render}[command]()
         except Unfit as error:
             status = UNFIT
             self.write_text(str(error))

@@ -13,9 +13,10 @@ class World(gymnasium.Env):
 
     observation_space = spaces.Box(-numpy.inf, numpy.inf, (2,), numpy.float64)
     action_space = spaces.Box(-1, 1, (2, 1), numpy.float32)
+    metadata = {"render_modes": ["rgb_array"]}
 
     def __init__(self, fault="", observation=None, action=None, render_mode=None):
-        self.fault = fault
+        self.fault, self.render_mode = fault, render_mode
         if observation == "mixed":
             parts = {"which": spaces.Discrete(3), "where": spaces.Tuple([spaces.Box(0, 1, (2,)), spaces.MultiBinary(2)])}
             self.observation_space = spaces.Dict(parts)
@@ -62,6 +63,15 @@ class World(gymnasium.Env):
                 print("noise\n" * 10_000)
         # Past its time limit it says so for ever.
         return observation, reward, self.steps == 8, self.steps >= 3, {"is_success": self.steps == 2}
+
+
+    def render(self):
+        """Red is the column, green 100 times the row, blue the number of steps."""
+        if self.fault == "grey":
+            return numpy.zeros((2, 4), numpy.uint8)
+        picture = numpy.zeros((2, 4, 3), numpy.uint8)
+        picture[:, :, 0], picture[1, :, 1], picture[:, :, 2] = range(4), 100, self.steps
+        return picture
 
 
 gymnasium.register("Shield/World-v0", World, max_episode_steps=3)
