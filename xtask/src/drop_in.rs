@@ -5,12 +5,12 @@ use std::process::{Command, ExitCode};
 
 use anyhow::{Context, bail};
 
-use crate::torch;
+use crate::{cargo, torch};
 
 /// Builds the wheel quickly, not to run quickly: what the tests want is that it works. It shares its dependencies with the other tests.
 const PROFILE: &str = "build-args=--profile dev";
 
-/// Builds and installs the wheel, runs its tests, and prints what a step costs.
+/// Builds and installs the wheel, runs its tests, prints what a step costs, and compares exported policies with what they do here.
 ///
 /// # Errors
 /// Something could not be built, installed or started. A failed test is not an error but an exit code.
@@ -42,5 +42,8 @@ pub fn test(root: &Path) -> anyhow::Result<ExitCode> {
             return Ok(ExitCode::FAILURE);
         }
     }
+    // Of the whole workspace, as everywhere: for one package, Cargo would choose other features and build every dependency once more.
+    let exported = ["test", "--quiet", "--workspace", "--lib", "stable_baselines", "--", "--ignored"];
+    cargo::run(cargo::command(root).args(exported).env("SHIELD_SB3_PYTHON", &python))?;
     Ok(ExitCode::SUCCESS)
 }

@@ -113,3 +113,39 @@ fn not_a_number_passes() {
     policy.act(&[1.0, 0.0, 0.25], &mut action).unwrap();
     assert_eq!(action, [1.0, 0.0, 0.5]);
 }
+
+/// What `export_sb3.py` says of a policy.
+#[derive(serde::Deserialize)]
+struct Exported {
+    name: String,
+    output: String,
+    observations: Vec<Vec<f32>>,
+    actions: Vec<Vec<f32>>,
+}
+
+#[test]
+#[ignore = "needs Stable-Baselines3: `cargo xtask test --python`"]
+fn a_policy_of_stable_baselines_acts_otherwise_than_there() {
+    let python =
+        std::env::var("SHIELD_SB3_PYTHON").expect("`cargo xtask test --python` names the interpreter");
+    let folder = tempfile::tempdir().unwrap();
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/src/tests/export_sb3.py");
+    let status = std::process::Command::new(python).arg(script).arg(folder.path()).status().unwrap();
+    assert!(status.success());
+    let described = std::fs::read(folder.path().join("expected.json")).unwrap();
+    let policies: Vec<Exported> = serde_json::from_slice(&described).unwrap();
+    assert_eq!(policies.len(), 7);
+    for Exported { name, output, observations, actions } in policies {
+        let file = folder.path().join(format!("{name}.onnx"));
+        let config = OnnxConfig::parse(&format!("(path: {file:?}, output: {output})")).unwrap();
+        let action_space = if name.ends_with("Discrete") { four() } else { two_actions() };
+        let setup = Setup::with_spaces(0, 1, Host::silent(), spaces(3, action_space));
+        let mut policy = Onnx::create(config, &setup).unwrap_or_else(|error| panic!("{name}: {error}"));
+        for (observation, expected) in observations.iter().zip(&actions) {
+            let mut action = vec![f32::NAN; expected.len()];
+            policy.act(observation, &mut action).unwrap();
+            let is_near = action.iter().zip(expected).all(|(found, wanted)| (found - wanted).abs() < 1e-4);
+            assert!(is_near, "{name}: {action:?} for {observation:?}, not {expected:?}");
+        }
+    }
+}
