@@ -7,7 +7,6 @@ from typing import Any
 
 # Keyword arguments, and the fields that they stand for.
 PATHS = {
-    "q_min": "shield.rules[0].config.q_min",
     "warm_up_steps": "shield.warm_up_steps",
     "reset_attempts": "shield.reset_attempts",
     "episode_length": "episode_length",
@@ -17,11 +16,19 @@ PATHS = {
 }
 
 
-def overrides(settings: Mapping[str, Any], further: Mapping[str, Any]) -> list[tuple[str, str, str]]:
-    """Path, RON value, and what the user wrote. An argument that is None was not given."""
-    given = [(PATHS[name], name, value) for name, value in settings.items() if value is not None]
-    given += [(path, f"overrides[{path!r}]", value) for path, value in further.items()]
-    return [(path, ron(value), f"{name}={value!r}") for path, name, value in given]
+def overrides(
+    settings: Mapping[str, Any], q_min: float | None, further: Mapping[str, Any], is_usual: bool
+) -> list[tuple[str, str, str]]:
+    """Path, RON value, and what the user wrote. An argument that is None was not given.
+
+    In the usual configuration Q_min grows from 0; `q_min` is where it ends.
+    """
+    given = [(PATHS[name], ron(value), name, value) for name, value in settings.items() if value is not None]
+    if q_min is not None:
+        field, value = ("final_q_min", f"Some({ron(q_min)})") if is_usual else ("q_min", ron(q_min))
+        given.append((f"shield.rules[0].config.{field}", value, "q_min", q_min))
+    given += [(path, ron(value), f"overrides[{path!r}]", value) for path, value in further.items()]
+    return [(path, value, f"{name}={written!r}") for path, value, name, written in given]
 
 
 def ron(value: Any) -> str:

@@ -75,7 +75,6 @@ class Shield:
         overrides: Mapping[str, Any] | None = None,
     ) -> None:
         settings = {
-            "q_min": q_min,
             "warm_up_steps": warm_up_steps,
             "reset_attempts": reset_attempts,
             "episode_length": episode_length,
@@ -86,7 +85,7 @@ class Shield:
         for name, function in (("reset_reward", reset_reward), ("in_reset_set", in_reset_set)):
             if function is not None and not callable(function):
                 raise TypeError(f"{name} is {function!r}, not a function of an observation")
-        sets = as_overrides(settings, overrides or {})
+        sets = as_overrides(settings, q_min, overrides or {}, config is None)
         self._reset_reward, self._in_reset_set = reset_reward, in_reset_set
         self._is_told = reset_reward is not None or in_reset_set is not None
         if self._is_told:
