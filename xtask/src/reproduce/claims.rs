@@ -301,4 +301,13 @@ mod tests {
         one_seed.variants[1].runs.truncate(1);
         assert_eq!(judge(&one_seed), None, "one seed proves nothing");
     }
+
+    #[test]
+    fn variants_that_never_abort_are_said_to_combine_alike() {
+        let mut measured = record([50, 50], [60.0, 60.0]);
+        let judge = |record: &Record| alike(&record.variants.iter().collect::<Vec<_>>()).unwrap().verdict;
+        assert_eq!(judge(&measured), Verdict::Untested);
+        measured.variants[0].runs.iter_mut().for_each(|run| run.summary.early_aborts = 3);
+        assert_eq!(judge(&measured), Verdict::Holds);
+    }
 }

@@ -76,6 +76,7 @@ fn row(claim: &Claim, record: Option<&Record>) -> String {
         Verdict::Holds => "**holds**",
         Verdict::InPart => "holds in part",
         Verdict::Fails => "does not hold",
+        Verdict::Untested => "not tested: nothing was aborted",
     };
     let sizes: Vec<(usize, u64)> = claim
         .variants

@@ -8,12 +8,15 @@ pub enum Verdict {
     Holds,
     InPart,
     Fails,
+    /// What it is about did not happen.
+    Untested,
 }
 
 impl Verdict {
     /// Both of two.
     pub(super) fn and(self, other: Self) -> Self {
         match (self, other) {
+            (Self::Untested, _) | (_, Self::Untested) => Self::Untested,
             (Self::Holds, Self::Holds) => Self::Holds,
             (Self::Fails, Self::Fails) => Self::Fails,
             _ => Self::InPart,
@@ -35,6 +38,10 @@ pub struct Finding {
 
 pub(super) fn resets(summary: &Summary) -> Option<f64> {
     Some(summary.hard_resets as f64)
+}
+
+fn aborts(summary: &Summary) -> Option<f64> {
+    Some(summary.early_aborts as f64)
 }
 
 pub(super) fn solve(summary: &Summary) -> Option<f64> {
@@ -149,7 +156,9 @@ pub(super) fn alike(variants: &[&Variant]) -> Option<Finding> {
         shown(variants, gain, 1, BESIDE)?
     );
     let verdict = Verdict::if_so(resets_apart <= 0.25).and(Verdict::if_so(returns_apart <= 0.25));
-    Some(Finding { ours, verdict })
+    // However they are combined: values that are never too low are alike.
+    let has_aborts = medians(variants, aborts)?.iter().any(|count| *count > 0.0);
+    Some(Finding { ours, verdict: if has_aborts { verdict } else { Verdict::Untested } })
 }
 
 /// Of the aborts of each seed, the share in some cells; the median over the seeds.
