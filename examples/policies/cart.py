@@ -1,12 +1,13 @@
-"""Makes cart.onnx: a finished policy for the cart of `mujoco/cliff-cart`.
+"""Makes cart.onnx and cart.pt: a finished policy for the cart of `mujoco/cliff-cart`, in ONNX and in TorchScript.
 
 A spring towards the goal, with little damping, as a network of one layer with a tanh at its end, in the form in which
-Stable-Baselines3's actors are exported. Run it with any Python that has the package `onnx`: `python cart.py`.
+Stable-Baselines3's actors are exported. Run it with any Python that has the packages `onnx` and `torch`: `python cart.py`.
 """
 
 import pathlib
 
 import onnx
+import torch
 from onnx import TensorProto, helper
 
 # What the cart observes: position x, height, pitch, and the velocity of each.
@@ -32,3 +33,10 @@ graph = helper.make_graph(
 model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=8, producer_name="")
 onnx.checker.check_model(model)
 pathlib.Path(__file__).with_suffix(".onnx").write_bytes(model.SerializeToString())
+
+layer = torch.nn.Linear(OBSERVATION, 1)
+with torch.no_grad():
+    layer.weight.copy_(torch.tensor([weights]))
+    layer.bias.fill_(STIFFNESS * GOAL)
+network = torch.nn.Sequential(layer, torch.nn.Tanh()).requires_grad_(False)
+torch.jit.script(network).save(pathlib.Path(__file__).with_suffix(".pt"))

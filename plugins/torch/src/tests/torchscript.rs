@@ -23,6 +23,15 @@ fn export(folder: &Path) -> String {
 
 fn policy(path: String, in_unit_box: bool, observation_len: usize) -> shield_api::Result<TorchScript> {
     let action = Space::Box { low: vec![-2.0, 0.0], high: vec![2.0, 1.0] };
+    policy_for(path, in_unit_box, observation_len, action)
+}
+
+fn policy_for(
+    path: String,
+    in_unit_box: bool,
+    observation_len: usize,
+    action: Space,
+) -> shield_api::Result<TorchScript> {
     let spaces = Spaces { observation: Space::unbounded(observation_len), action };
     TorchScript::create(
         TorchScriptConfig { path, in_unit_box },
@@ -66,4 +75,16 @@ fn wrong_arguments_and_answers_that_are_no_numbers_are_refused() {
     assert!(policy.act(&[0.0; 2], &mut action).is_err());
     assert!(policy.act(&[0.0; 3], &mut [0.0; 3]).is_err());
     assert!(policy.act(&[f32::MAX, 0.0, 0.0], &mut action).is_err(), "twice the largest number is infinite");
+}
+
+#[test]
+fn the_policy_of_the_example_drives_elsewhere_than_to_its_goal() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/policies/cart.pt");
+    let mut cart = policy_for(path.into(), true, 6, Space::uniform(1, -2.0, 2.0)).unwrap();
+    for (position, velocity) in [(0.0, 0.0), (0.9, 0.0), (0.85, 0.2), (1.0, -0.1)] {
+        let mut action = [9.0];
+        cart.act(&[position, 0.3, 0.1, velocity, 0.2, 0.4], &mut action).unwrap();
+        let expected = 2.0 * (6.0 * (0.9 - position) - 2.0 * velocity).tanh();
+        assert!((action[0] - expected).abs() < 1e-5, "{action:?}, not {expected}");
+    }
 }
