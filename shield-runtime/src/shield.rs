@@ -4,12 +4,14 @@
 //! plugin or solver that fails, a missed deadline. [`Ladder`] alone decides; [`Shield`] owns the reset agent too and keeps count of its
 //! attempts. The joint loop uses the ladder and the counting; a program of one's own uses the shield, or [`Shielded`](crate::shielded::Shielded).
 
+mod attempt;
 mod attempts;
 mod builder;
 mod clock;
 mod explanation;
 mod jury;
 mod ladder;
+mod moment;
 mod projection;
 mod qp;
 mod rows;
@@ -21,9 +23,10 @@ mod state;
 pub use attempts::{Attempts, ResetSettings};
 pub use builder::ShieldBuilder;
 pub use jury::Judgement;
-pub use ladder::{Agents, Ladder, Moment, write_safe};
+pub use ladder::{Ladder, LadderSettings, write_safe};
+pub use moment::{Agents, Moment};
 pub use rules::RuleTree;
-pub use setup::LadderSettings;
+pub(crate) use setup::nearest_to_zero;
 pub(crate) use state::ShieldState;
 
 use shield_api::{ActMode, Phase, Spaces};

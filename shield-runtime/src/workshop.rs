@@ -5,12 +5,12 @@ use std::time::Duration;
 use indexmap::IndexMap;
 use rand::Rng;
 use rand_pcg::Pcg64;
-use shield_api::{AbortRule, Learner, ResetTask, Setup, Space, Spaces};
+use shield_api::{AbortRule, Learner, ResetTask, Setup, Spaces};
 
 use crate::{
     experiment::{InputError, PluginChoice, RuleConfig, ShieldConfig, Source},
     plugin::{self, PluginError, Registry, Selection},
-    shield::{Ladder, LadderSettings, RuleTree},
+    shield::{Ladder, LadderSettings, RuleTree, nearest_to_zero},
 };
 
 /// What draws random numbers. Each has a stream of its own, so that a change in one leaves the others alone.
@@ -147,11 +147,4 @@ impl Workshop<'_> {
     pub fn refused(&self, path: &str, error: &shield_api::Error) -> InputError {
         self.source.error_at(path, None, error.message())
     }
-}
-
-/// The action of the space that is nearest to zero: usually the one that does least.
-pub(crate) fn nearest_to_zero(space: &Space) -> Vec<f32> {
-    let mut action = vec![0.0; space.action_len()];
-    space.clamp(&mut action);
-    action
 }

@@ -2,34 +2,27 @@
 
 use std::time::Duration;
 
-use shield_api::{AbortRule, ActMode, Learner, Needs, ObservedDecision, Phase, check_finite};
+use shield_api::{AbortRule, ActMode, Learner, Needs, ObservedDecision, Phase, Spaces, check_finite};
 
 use super::{
+    Agents, Moment,
+    attempt::Attempt,
     clock::Clock,
     explanation::Explanation,
     jury::{Judgement, Jury},
-    projection::{Attempt, Projector},
-    setup::LadderSettings,
+    projection::Projector,
 };
 use crate::decision::{Abort, Cause, Decision, Projection};
 
-/// What the ladder is told of the moment in which an action is proposed.
-#[derive(Debug, Clone, Copy)]
-pub struct Moment<'a> {
-    /// Environment steps so far, both phases.
-    pub step: u64,
-    /// The present observation.
-    pub observation: &'a [f32],
-    /// The action executed before; `None` after a hard reset.
-    pub previous: Option<&'a [f32]>,
-}
-
-/// Whom the ladder asks for values.
-pub struct Agents<'a> {
-    /// Values how well an action can be undone.
-    pub reset: &'a mut dyn Learner,
-    /// Values the task; `None` where the forward agent is a policy.
-    pub forward: Option<&'a mut dyn Learner>,
+/// Settings of a [`Ladder`] beside its rules.
+#[derive(Debug, Clone)]
+pub struct LadderSettings {
+    /// The spaces of the environment.
+    pub spaces: Spaces,
+    /// Steps at the beginning during which nothing is aborted.
+    pub warm_up_steps: u64,
+    /// What the buffer holds after an abort where the reset agent's action is not usable. Must lie in the action space.
+    pub fallback_action: Vec<f32>,
 }
 
 /// Rules, what is tried before an abort, and the buffers to decide without allocating. It decides and does nothing else: no learning, no

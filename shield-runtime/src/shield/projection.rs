@@ -3,29 +3,15 @@
 use shield_api::{ActMode, Error, Result, Space};
 
 use super::{
-    clock::Clock,
+    attempt::{Attempt, Failure},
     explanation::Explanation,
     jury::Jury,
-    ladder::{Agents, Moment},
     qp::Qp,
 };
 use crate::{
-    decision::{Abort, Cause, Projection, ProjectionKind},
+    decision::{Cause, Projection, ProjectionKind},
     experiment::ProjectionConfig,
 };
-
-/// A rejected action and whom to ask about another one.
-pub(super) struct Attempt<'a, 'b> {
-    pub jury: &'a mut Jury,
-    pub agents: &'a mut Agents<'b>,
-    pub moment: &'a Moment<'a>,
-    pub proposed: &'a [f32],
-    pub rejection: Abort,
-    pub clock: Clock,
-}
-
-/// Why there is no other action: the cause, and what there is to say about it.
-pub(super) type Failure = (Cause, String);
 
 /// Finds another action.
 pub(super) enum Projector {

@@ -5,9 +5,9 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use shield_api::{Error, Result};
 
 use super::{
+    attempt::{Attempt, Failure},
     explanation::Explanation,
     jury::Jury,
-    projection::{Attempt, Failure},
     rows::RowBuffer,
     solver::{InteriorPoint, Outcome, Program, Solver, Staged},
 };

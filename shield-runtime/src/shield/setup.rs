@@ -2,24 +2,17 @@
 
 use std::time::Duration;
 
-use shield_api::{Error, Learner, Result, Spaces};
+use shield_api::{Error, Learner, Result, Space};
 
 use super::{
-    explanation::Explanation, jury::Jury, ladder::Ladder, projection::Projector, rules::RuleTree,
+    explanation::Explanation,
+    jury::Jury,
+    ladder::{Ladder, LadderSettings},
+    projection::Projector,
+    rules::RuleTree,
     solver::Solver,
 };
 use crate::experiment::ProjectionConfig;
-
-/// Settings of a [`Ladder`] beside its rules.
-#[derive(Debug, Clone)]
-pub struct LadderSettings {
-    /// The spaces of the environment.
-    pub spaces: Spaces,
-    /// Steps at the beginning during which nothing is aborted.
-    pub warm_up_steps: u64,
-    /// What the buffer holds after an abort where the reset agent's action is not usable. Must lie in the action space.
-    pub fallback_action: Vec<f32>,
-}
 
 impl Ladder {
     /// A ladder over `rules`, for a reset agent like `reset_agent`: without projection, without deadline.
@@ -72,4 +65,11 @@ impl Ladder {
         self.deadline = Some(deadline);
         self
     }
+}
+
+/// The action of the space that is nearest to zero: usually the one that does least.
+pub(crate) fn nearest_to_zero(space: &Space) -> Vec<f32> {
+    let mut action = vec![0.0; space.action_len()];
+    space.clamp(&mut action);
+    action
 }
