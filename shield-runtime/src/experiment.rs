@@ -21,13 +21,13 @@ use ron::extensions::Extensions;
 use serde::de::IgnoredAny;
 
 pub use config::{
-    BetweenAttempts, CheckpointConfig, Endings, EvaluatedAgent, EvaluationConfig, ExperienceConfig,
-    Experiment, Forward, Mode, OnAbort, OnResetFailure, OnResetSuccess, OnWorkerFailure, PluginChoice,
-    ProjectionConfig, QpConfig, RecordConfig, ResetAttempts, ResetTest, RuleConfig, ShieldConfig, Unlimited,
-    Updates, WorkerConfig,
+    BetweenAttempts, CheckpointConfig, DropInConfig, Endings, EvaluatedAgent, EvaluationConfig,
+    ExperienceConfig, Experiment, Forward, Mode, OnAbort, OnResetFailure, OnResetSuccess, OnWorkerFailure,
+    PluginChoice, ProjectionConfig, QpConfig, RecordConfig, ResetAttempts, ResetTest, RuleConfig,
+    ShieldConfig, SpaceConfig, SpacesConfig, Unlimited, Updates, WorkerConfig,
 };
 pub use difference::{Difference, differences, first_difference};
-pub use drop_in::{DropInConfig, DropInFile, SpaceConfig, SpacesConfig};
+pub use drop_in::DropInFile;
 pub use error::{InputError, Location};
 pub use overrides::Override;
 pub(crate) use variant::Source;

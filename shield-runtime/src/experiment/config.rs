@@ -1,5 +1,6 @@
 //! What an experiment says, field by field. Defaults cite their source.
 
+mod drop_in;
 mod experience;
 mod output;
 mod plugin_choice;
@@ -12,6 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::plugin::Kind;
 
+pub use drop_in::{DropInConfig, SpaceConfig, SpacesConfig};
 pub use experience::{Endings, ExperienceConfig, OnResetFailure, OnResetSuccess, Updates};
 pub use output::{CheckpointConfig, EvaluatedAgent, EvaluationConfig, RecordConfig};
 pub use plugin_choice::{Forward, OnWorkerFailure, PluginChoice, WorkerConfig};
@@ -109,11 +111,11 @@ fn usual_checkpoints() -> Option<CheckpointConfig> {
     Some(CheckpointConfig::default())
 }
 
-pub(super) fn one() -> f64 {
+fn one() -> f64 {
     1.0
 }
 
-pub(super) fn one_thread() -> usize {
+fn one_thread() -> usize {
     1
 }
 

@@ -5,10 +5,10 @@ use std::time::Duration;
 use indexmap::IndexMap;
 
 use super::config::{
-    EvaluatedAgent, EvaluationConfig, ExperienceConfig, Experiment, Forward, Mode, OnAbort, PluginChoice,
-    ProjectionConfig, QpConfig, ResetAttempts, RuleConfig, ShieldConfig, WorkerConfig,
+    DropInConfig, EvaluatedAgent, EvaluationConfig, ExperienceConfig, Experiment, Forward, Mode, OnAbort,
+    PluginChoice, ProjectionConfig, QpConfig, ResetAttempts, RuleConfig, ShieldConfig, SpaceConfig,
+    WorkerConfig,
 };
-use super::drop_in::{DropInConfig, SpaceConfig};
 
 /// What is wrong, and the path of the value to which it belongs.
 #[derive(Debug, PartialEq, Eq)]
