@@ -235,3 +235,15 @@ def test_the_same_seed_is_another_run():
 
     first, second = run(), run()
     assert pickle.dumps(first) == pickle.dumps(second)
+
+
+def test_the_usual_configuration_aborts_everything_after_the_warm_up():
+    env = shield.ShieldedEnv(table(limit=50), in_reset_set=near_start, seed=0)
+    random = np.random.default_rng(0)
+    env.reset(seed=0)
+    while env.metrics()["steps"] < 2_000:
+        _, _, terminated, truncated, _ = env.step(random.uniform(-0.4, 0.4, 1).astype(np.float32))
+        if terminated or truncated:
+            env.reset()
+    metrics = env.metrics()
+    assert metrics["early_aborts"] < 50 and metrics["forward_steps"] > 1_200, metrics
