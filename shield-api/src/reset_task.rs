@@ -49,6 +49,7 @@ pub struct ResetSignal {
 /// }
 /// # assert!(Upright(0.1).evaluate(&[1.0], &[0.0], &[0.05]).unwrap().in_reset_set);
 /// ```
+#[allow(unused_variables, reason = "the defaults name their arguments for whoever writes others")]
 pub trait ResetTask: Checkpoint {
     /// The reset reward of a transition, and whether it ends in the reset set. Allocates nothing.
     ///
@@ -66,7 +67,6 @@ pub trait ResetTask: Checkpoint {
     /// # Errors
     /// A wrong length, or a value that is not finite.
     fn observe_start(&mut self, observation: &[f32]) -> Result<()> {
-        let _ = observation;
         Ok(())
     }
 }

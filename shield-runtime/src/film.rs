@@ -129,7 +129,8 @@ impl<'a> Filmer<'a> {
     }
 
     fn draw(&mut self, shades: &[f32]) -> Result<Picture> {
-        let [width, height] = self.settings.size.unwrap_or_else(|| self.environment.frame_size());
+        // Kept: to some environments it is the size of a picture that they draw for the question.
+        let [width, height] = *self.settings.size.get_or_insert_with(|| self.environment.frame_size());
         let mut picture = Picture::new(width, height);
         let mut frame = Frame::new(width, height, picture.pixels_mut())?.with_shades(shades);
         self.environment.render(&mut frame).context("the environment was not drawn")?;

@@ -203,27 +203,24 @@ pub struct Snapshot<'a> {
 }
 
 /// Takes what the loop reports. Errors end the run: a result that cannot be written is not worth computing.
+#[allow(unused_variables, reason = "the defaults name their arguments for whoever writes others")]
 pub trait Observer {
     /// After each environment step. Must be cheap.
     ///
     /// # Errors
     /// The observer cannot go on.
     fn on_step(&mut self, counters: &Counters) -> anyhow::Result<()> {
-        let _ = counters;
         Ok(())
     }
 
     /// How long the shield took to decide.
-    fn on_decision_time(&mut self, time: Duration) {
-        let _ = time;
-    }
+    fn on_decision_time(&mut self, time: Duration) {}
 
     /// After each rejected action.
     ///
     /// # Errors
     /// The observer cannot go on.
     fn on_intervention(&mut self, intervention: &Intervention<'_>) -> anyhow::Result<()> {
-        let _ = intervention;
         Ok(())
     }
 
@@ -232,7 +229,6 @@ pub trait Observer {
     /// # Errors
     /// The observer cannot go on.
     fn on_decision(&mut self, decision: &DecisionRecord<'_>) -> anyhow::Result<()> {
-        let _ = decision;
         Ok(())
     }
 
@@ -241,7 +237,6 @@ pub trait Observer {
     /// # Errors
     /// The observer cannot go on.
     fn on_episode(&mut self, episode: &EpisodeRecord, counters: &Counters) -> anyhow::Result<()> {
-        let _ = (episode, counters);
         Ok(())
     }
 
@@ -250,7 +245,6 @@ pub trait Observer {
     /// # Errors
     /// The observer cannot go on.
     fn on_metric(&mut self, step: u64, name: &str, mean: f64) -> anyhow::Result<()> {
-        let _ = (step, name, mean);
         Ok(())
     }
 
@@ -259,7 +253,6 @@ pub trait Observer {
     /// # Errors
     /// The observer cannot go on.
     fn on_evaluation(&mut self, evaluation: &EvaluationRecord, counters: &Counters) -> anyhow::Result<()> {
-        let _ = (evaluation, counters);
         Ok(())
     }
 
@@ -268,7 +261,6 @@ pub trait Observer {
     /// # Errors
     /// The observer cannot go on.
     fn on_checkpoint(&mut self, snapshot: &Snapshot<'_>) -> anyhow::Result<()> {
-        let _ = snapshot;
         Ok(())
     }
 }

@@ -36,6 +36,24 @@ impl Claim {
     }
 }
 
+// Section 6.2: the paper's text says N = 2, the names of its figures 4.
+const PUSHER: Claim = Claim {
+    section: "6.2",
+    environment: "pusher",
+    claim: "half the hard resets of the status quo at the same final reward",
+    experiment: "pusher-small",
+    variants: &["status-quo", "attempts-2"],
+    judge: |variants| fewer_at_return(variants, 50.0, 90.0),
+};
+const CHEETAH: Claim = Claim {
+    section: "6.2",
+    environment: "cliff cheetah",
+    claim: "ten times fewer hard resets than the status quo, and a substantially higher reward",
+    experiment: "cliff-cheetah-small",
+    variants: &["status-quo", "attempts-2"],
+    judge: |variants| fewer_at_return(variants, 90.0, 120.0),
+};
+
 /// All claims, in the order of the paper.
 pub const CLAIMS: &[Claim] = &[
     Claim {
@@ -87,39 +105,10 @@ pub const CLAIMS: &[Claim] = &[
             Some(Finding { ours, verdict: learns.and(Verdict::if_so(forward_only < ours_return / 2.0)) })
         },
     },
-    Claim {
-        section: "6.2",
-        environment: "pusher",
-        claim: "half the hard resets of the status quo at the same final reward",
-        experiment: "pusher-small",
-        variants: &["status-quo", "attempts-2"],
-        judge: |variants| fewer_at_return(variants, 50.0, 90.0),
-    },
-    Claim {
-        section: "6.2",
-        environment: "cliff cheetah",
-        claim: "ten times fewer hard resets than the status quo, and a substantially higher reward",
-        experiment: "cliff-cheetah-small",
-        variants: &["status-quo", "attempts-2"],
-        judge: |variants| fewer_at_return(variants, 90.0, 120.0),
-    },
-    // The paper's text says N = 2; the names of its figures, 4.
-    Claim {
-        section: "6.2 (N = 4)",
-        environment: "pusher",
-        claim: "half the hard resets of the status quo at the same final reward",
-        experiment: "pusher-small",
-        variants: &["status-quo", "attempts-4"],
-        judge: |variants| fewer_at_return(variants, 50.0, 90.0),
-    },
-    Claim {
-        section: "6.2 (N = 4)",
-        environment: "cliff cheetah",
-        claim: "ten times fewer hard resets than the status quo, and a substantially higher reward",
-        experiment: "cliff-cheetah-small",
-        variants: &["status-quo", "attempts-4"],
-        judge: |variants| fewer_at_return(variants, 90.0, 120.0),
-    },
+    PUSHER,
+    CHEETAH,
+    Claim { section: "6.2 (N = 4)", variants: &["status-quo", "attempts-4"], ..PUSHER },
+    Claim { section: "6.2 (N = 4)", variants: &["status-quo", "attempts-4"], ..CHEETAH },
     Claim {
         section: "6.3",
         environment: "pusher",
