@@ -238,9 +238,9 @@ fn compare_many(programs: u64) {
     }
     // Enough of each kind that the test says something; and hardly a solution is missed.
     let Tally { solved, infeasible, not_converged, compared, missed, nearer } = tally;
-    assert!(nearer * 5_000 <= compared, "{tally:?}");
+    assert!(nearer * 100_000 <= compared, "{tally:?}");
     assert!(compared > programs / 10 && infeasible > programs / 10, "{tally:?}");
-    assert!(missed * 500 <= solved && not_converged * 40 <= solved + infeasible, "{tally:?}");
+    assert!(missed * 100_000 <= solved && not_converged * 40 <= solved + infeasible, "{tally:?}");
 }
 
 /// A third party's rule: every row holds, to the last bit.
