@@ -6,6 +6,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::{Real, kernels::vectorised};
 
+/// A moment below this is 0, and changes no weight by what a weight can hold. Of a unit that is never active any more the moments would decay into
+/// the subnormal numbers and stay there, since rounding keeps the smallest of them; each one then costs a hundred times as much as another.
+const NEGLIGIBLE: f64 = 1e-36;
+
 /// Constants of the optimiser.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub struct Adam {
@@ -33,6 +37,7 @@ impl Adam {
         let rate = T::from_f64(self.rate / (1.0 - self.beta1.powi(step)));
         let root = T::from_f64(1.0 / (1.0 - self.beta2.powi(step)).sqrt());
         let (epsilon, tau) = (T::from_f64(self.epsilon), T::from_f64(tau));
+        let negligible = T::from_f64(NEGLIGIBLE);
         let Slices { weights, targets, first, second } = slices;
         vectorised(
             #[inline(always)]
@@ -41,14 +46,20 @@ impl Adam {
                 let state = weights.iter_mut().zip(targets).zip(moments);
                 for (((weight, target), (first, second)), gradient) in state.zip(gradients) {
                     let gradient = *gradient;
-                    *first = first.mul_add(beta1, rest1 * gradient);
-                    *second = second.mul_add(beta2, rest2 * gradient * gradient);
+                    *first = or_zero(first.mul_add(beta1, rest1 * gradient), negligible);
+                    *second = or_zero(second.mul_add(beta2, rest2 * gradient * gradient), negligible);
                     *weight -= rate * *first / second.sqrt().mul_add(root, epsilon);
                     *target = (*weight - *target).mul_add(tau, *target);
                 }
             },
         );
     }
+}
+
+/// The value, or 0 where it is smaller than `least`. NaN stays NaN.
+#[inline(always)]
+fn or_zero<T: Real>(value: T, least: T) -> T {
+    if value < least && -least < value { T::ZERO } else { value }
 }
 
 /// What one step changes.
@@ -109,5 +120,25 @@ mod tests {
                 assert!((targets[i] - t[i]).abs() < 1e-12, "target {i} after {step}");
             }
         }
+    }
+
+    #[test]
+    fn moments_without_gradients_do_not_stay_subnormal() {
+        let adam = Adam::new(0.01);
+        let (mut weights, mut targets, mut first, mut second) = ([1.0_f32], [1.0], [1e-3], [1e-30]);
+        for step in 1..20_000 {
+            let (weights, targets) = (&mut weights, &mut targets);
+            let slices = Slices { weights, targets, first: &mut first, second: &mut second };
+            adam.apply(slices, &[0.0], step, 0.1);
+            assert!(
+                !first[0].is_subnormal() && !second[0].is_subnormal(),
+                "step {step}: {first:?} {second:?}"
+            );
+        }
+        assert_eq!((first, second), ([0.0], [0.0]));
+        let slices =
+            Slices { weights: &mut weights, targets: &mut targets, first: &mut first, second: &mut second };
+        adam.apply(slices, &[f32::NAN], 20_000, 0.1);
+        assert!(first[0].is_nan() && second[0].is_nan());
     }
 }
