@@ -5,9 +5,8 @@ use serde::{Deserialize, Serialize};
 use shield_api::{ActMode, Learner, LearnerInfo, Policy, Result, Spaces};
 
 use crate::{
-    checkpoint::PluginState,
     experience::{AgentRole, BatchBuffers, Experience},
-    plugin,
+    plugin::{self, PluginState},
 };
 
 /// The state of an agent or a policy.

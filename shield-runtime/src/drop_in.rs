@@ -18,7 +18,7 @@ use crate::{
     decision::{Cause, Decision},
     experience::{AgentRole, AgentShare, Experience, Transition},
     experiment::{Endings, Updates},
-    observer::Counters,
+    record::Counters,
     shield::Shield,
 };
 

@@ -8,10 +8,10 @@ use shield_api::{ActMode, Error, Learner, Result};
 use crate::{
     agent::ForwardAgent,
     batch::{Batch, Lane},
-    checkpoint::{PluginState, restore_rules, save_rules},
     experiment::EvaluatedAgent,
-    observer::{EvaluationRecord, Tally},
-    shield::{self, Ladder, Moment},
+    plugin::PluginState,
+    record::{EvaluationRecord, Tally},
+    shield::{self, Ladder, Moment, restore_rules, save_rules},
     world::Stepped,
 };
 

@@ -14,7 +14,8 @@ use shield_api::{Environment, Frame, Learner, Space};
 
 use crate::{
     experience::AgentRole,
-    observer::{Counters, EpisodeRecord, Intervention, Observer},
+    observer::Observer,
+    record::{Counters, EpisodeRecord, Intervention},
 };
 use overlay::{Caption, Mark, ValueBar};
 

@@ -4,8 +4,7 @@ mod decide;
 mod parts;
 mod state;
 
-pub use parts::{LoopRandomness, LoopSettings, Participants};
-pub use state::LoopState;
+pub use parts::{LoopSettings, Participants};
 
 use std::sync::atomic::AtomicBool;
 
@@ -18,8 +17,10 @@ use crate::{
     evaluation::Evaluator,
     experience::{AgentRole, AgentShare, Experience, Transition},
     experiment::{BetweenAttempts, Mode, Updates},
-    observer::{Counters, EpisodeEnd, EpisodeRecord, HardReset, Observer, Tally},
+    loop_state::LoopRandomness,
+    observer::Observer,
     plugin,
+    record::{Counters, EpisodeEnd, EpisodeRecord, HardReset, Tally},
     shield::{Attempts, Ladder},
     world::{Stepped, World},
 };

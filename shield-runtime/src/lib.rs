@@ -1,6 +1,7 @@
 //! The host of the shield: loads plugins, decides, runs the joint loop of both agents, keeps their experience and writes results.
 
 pub mod agent;
+mod allocations_ffi;
 pub mod batch;
 pub mod checkpoint;
 pub mod decision;
@@ -11,10 +12,12 @@ pub mod experience;
 pub mod experiment;
 pub mod film;
 pub mod joint_loop;
+pub mod loop_state;
 pub mod observer;
 pub mod plugin;
 pub mod plugin_bench;
 pub mod plugin_check;
+pub mod record;
 pub mod report;
 pub mod run;
 pub mod shield;

@@ -16,6 +16,7 @@ mod library;
 mod manifest;
 mod registry;
 mod search_path;
+mod state;
 mod trust;
 
 pub use entry::{Entry, Identity, Selection, Skipped};
@@ -29,6 +30,7 @@ pub use library::Library;
 pub use manifest::read_manifests;
 pub use registry::Registry;
 pub use search_path::SearchPath;
+pub use state::PluginState;
 pub use trust::fingerprint;
 
 use std::fmt;

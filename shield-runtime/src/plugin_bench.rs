@@ -1,16 +1,14 @@
 //! What each call of a plugin costs: time and allocations, through the binary interface, as a run pays for it.
 
-mod allocations_ffi;
 mod calls;
 mod meter;
 
-use std::{sync::Once, time::Duration};
+use std::time::Duration;
 
 use serde::Serialize;
 use shield_api::Spaces;
 
 use crate::{
-    environment_check::CountAllocations,
     plugin::Kind,
     plugin_check::{Candidate, Draw},
 };
@@ -42,19 +40,6 @@ pub struct Measured {
     pub p99_ns: f64,
     /// Allocations of a call, in the plugin and in every library that it links; `None` where this system does not let them be counted.
     pub allocations: Option<f64>,
-}
-
-/// Counts how often the plugins that are loaded by its first use allocate, on whatever thread; `None` where this system does not let
-/// them be counted.
-pub(crate) fn counter() -> Option<&'static CountAllocations> {
-    static BEGUN: Once = Once::new();
-    const COUNTER: &CountAllocations = &|body| {
-        BEGUN.call_once(allocations_ffi::begin);
-        let before = allocations_ffi::count();
-        body();
-        allocations_ffi::count() - before
-    };
-    allocations_ffi::IS_KNOWN.then_some(COUNTER)
 }
 
 /// Measures every function of the plugin that it supports. `tell` hears what is measured next.

@@ -11,7 +11,7 @@ pub use candidate::Candidate;
 pub(crate) use draw::{Draw, DrawnBatch};
 use probe::{Finding, Probe};
 
-use crate::{environment_check, plugin::Kind, plugin_bench};
+use crate::{allocations_ffi, environment_check, plugin::Kind};
 
 /// A check of plugins of one kind.
 #[derive(Clone, Copy)]
@@ -141,7 +141,7 @@ impl Check {
                     make: &make,
                     is_deterministic: candidate.manifest.deterministic,
                     seed: candidate.seed,
-                    allocations: plugin_bench::counter(),
+                    allocations: allocations_ffi::counter(),
                 })
             }
             Run::Probe(question) => probed(candidate, question),

@@ -27,7 +27,7 @@ pub use ladder::{Ladder, LadderSettings, write_safe};
 pub use moment::{Agents, Moment};
 pub use rules::RuleTree;
 pub(crate) use setup::nearest_to_zero;
-pub(crate) use state::ShieldState;
+pub(crate) use state::{ShieldState, restore_rules, save_rules};
 
 use shield_api::{ActMode, Phase, Spaces};
 

@@ -8,7 +8,7 @@ use shield_api::{
     check_length,
 };
 
-use crate::{checkpoint::PluginState, plugin::isolated::RestartFlag};
+use crate::plugin::{PluginState, isolated::RestartFlag};
 
 /// The state of a [`World`].
 #[derive(Serialize, Deserialize)]

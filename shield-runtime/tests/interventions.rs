@@ -4,7 +4,8 @@
 use shield_runtime::{
     decision::{Abort, Cause},
     experience::AgentRole,
-    observer::{Counters, Intervention, Observer},
+    observer::Observer,
+    record::{Counters, Intervention},
     run::{Identity, Recorder, RunFolder},
 };
 

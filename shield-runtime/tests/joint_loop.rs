@@ -17,7 +17,7 @@ use shield_runtime::{
         BetweenAttempts, Endings, EvaluatedAgent, Mode, OnAbort, OnResetFailure, OnResetSuccess,
         ProjectionConfig, QpConfig, ResetTest, Updates,
     },
-    observer::EpisodeEnd,
+    record::EpisodeEnd,
     world::World,
 };
 

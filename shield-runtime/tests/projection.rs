@@ -14,7 +14,8 @@ use shield_runtime::{
     decision::{Abort, Cause, Decision, Projection, ProjectionKind},
     experience::AgentRole,
     experiment::{ProjectionConfig, QpConfig},
-    observer::{Counters, Intervention, Observer},
+    observer::Observer,
+    record::{Counters, Intervention},
     run::{Identity, Recorder, RunFolder},
     shield::{
         Agents, Ladder, LadderSettings, Moment, RuleTree,

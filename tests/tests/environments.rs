@@ -8,8 +8,9 @@ use shield_runtime::{
     experiment::ExperimentFile,
     film::{FilmSettings, Filmer, Picture, SharedEnvironment, SharedLearner},
     joint_loop::JointLoop,
-    observer::{Counters, Observer},
+    observer::Observer,
     plugin::{Registry, SearchPath},
+    record::Counters,
     run::{Prepared, prepare},
 };
 use shield_tests::{gridworld, plugins_folder, shield};

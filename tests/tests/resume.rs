@@ -13,8 +13,9 @@ use std::{
 
 use shield_runtime::{
     experiment::{ExperimentFile, Override, Variant},
-    observer::{Counters, EvaluationRecord, Observer},
+    observer::Observer,
     plugin::{Registry, SearchPath},
+    record::{Counters, EvaluationRecord},
     run::{Identity, Order, RunFolder, Standing, restore},
 };
 use shield_tests::{cart, gridworld, plugins_folder, run_files};

@@ -14,7 +14,7 @@ use super::{
 use crate::{
     experience::Experience,
     experiment,
-    joint_loop::LoopState,
+    loop_state::LoopState,
     observer::{Occasion, Snapshot},
     run::RecorderState,
 };

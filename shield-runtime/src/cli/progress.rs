@@ -6,7 +6,8 @@ use anyhow::Result;
 use indicatif::{MultiProgress, ProgressBar, ProgressState, ProgressStyle};
 use shield_runtime::{
     experience::AgentRole,
-    observer::{Counters, EpisodeRecord, EvaluationRecord, Observer},
+    observer::Observer,
+    record::{Counters, EpisodeRecord, EvaluationRecord},
 };
 
 /// Steps between two updates of the line.

@@ -79,7 +79,7 @@ fn cell(column: &Column, runs: &[&Summary]) -> String {
 
 #[cfg(test)]
 mod tests {
-    use shield_runtime::{observer::Counters, run::Identity};
+    use shield_runtime::{record::Counters, run::Identity};
 
     use super::*;
 

@@ -4,7 +4,7 @@ use std::{collections::BTreeMap, path::Path};
 
 use shield_api::{Error, Phase, Result};
 
-use crate::{observer::Counters, plugin, run::events::EventFile};
+use crate::{plugin, record::Counters, run::events::EventFile};
 
 /// One figure of the learner: its sum and count in the present episode, and its mean in the last one that had any.
 #[derive(Debug)]

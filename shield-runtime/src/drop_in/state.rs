@@ -9,10 +9,11 @@ use serde_bytes::ByteBuf;
 use super::DropIn;
 use crate::{
     checkpoint::{
-        CheckpointError, PluginState,
+        CheckpointError,
         file::{read, write},
     },
-    observer::Counters,
+    plugin::PluginState,
+    record::Counters,
     shield::ShieldState,
 };
 

@@ -11,7 +11,7 @@ use embedded_graphics::{
 };
 
 use super::Picture;
-use crate::observer::Counters;
+use crate::record::Counters;
 
 const BACKGROUND: Rgb888 = Rgb888::new(24, 26, 30);
 const TEXT: Rgb888 = Rgb888::new(235, 235, 235);

@@ -9,7 +9,7 @@ use crate::{
     agent::ForwardAgent,
     decision::{Abort, Cause, Decision},
     experience::{AgentRole, AgentShare, Transition},
-    observer::{DecisionRecord, Intervention},
+    record::{DecisionRecord, Intervention},
     shield::{Agents, Moment},
 };
 

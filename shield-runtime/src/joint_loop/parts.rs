@@ -1,8 +1,5 @@
 //! What a run of the joint loop is made of.
 
-use rand_pcg::Pcg64;
-use serde::{Deserialize, Serialize};
-
 use crate::{
     agent::{Agent, ForwardAgent},
     evaluation::Evaluator,
@@ -63,13 +60,4 @@ pub struct Participants {
     pub evaluator: Option<Evaluator>,
     /// What both agents learn from.
     pub experience: Experience,
-}
-
-/// The random numbers of the loop itself.
-#[derive(Debug, Clone, Serialize, Deserialize)]
-pub struct LoopRandomness {
-    /// Seeds of hard resets.
-    pub resets: Pcg64,
-    /// Bootstrap masks.
-    pub masks: Pcg64,
 }

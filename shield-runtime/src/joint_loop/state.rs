@@ -2,19 +2,18 @@
 
 use std::sync::atomic::Ordering;
 
-use serde::{Deserialize, Serialize};
 use shield_api::check_length;
 
-use super::{JointLoop, LoopRandomness, Participants};
+use super::{JointLoop, Participants};
 use crate::{
-    agent::{Agent, AgentState, ForwardAgent},
-    checkpoint::{PluginState, restore_rules, save_rules},
-    evaluation::{Evaluator, EvaluatorState},
+    agent::{Agent, ForwardAgent},
+    evaluation::Evaluator,
     experience::AgentRole,
-    observer::{Counters, Occasion, Snapshot, Tally},
-    plugin::{self, Metric},
-    shield::Ladder,
-    world::{World, WorldState},
+    loop_state::LoopState,
+    observer::{Occasion, Snapshot},
+    plugin,
+    record::Tally,
+    shield::{Ladder, restore_rules, save_rules},
 };
 
 /// Where a loop begins.
@@ -28,71 +27,6 @@ pub(super) enum Start {
     HardReset,
     /// Nothing is left to be done.
     Finished,
-}
-
-/// The state of a joint loop between two steps: everything but the experience.
-#[derive(Serialize, Deserialize)]
-pub struct LoopState {
-    counters: Counters,
-    is_finished: bool,
-    turn: AgentRole,
-    tally: Tally,
-    failed_attempts: u32,
-    was_irreversible: bool,
-    previous: Option<Vec<f32>>,
-    last_evaluation: Option<u64>,
-    randomness: LoopRandomness,
-    world: WorldState,
-    forward: Option<AgentState>,
-    reset: Option<AgentState>,
-    rules: Vec<PluginState>,
-    evaluator: Option<EvaluatorState>,
-    metrics: Vec<Metric>,
-}
-
-impl LoopState {
-    /// What the run had counted.
-    pub fn counters(&self) -> &Counters {
-        &self.counters
-    }
-
-    /// Whether all steps had been made.
-    pub fn is_finished(&self) -> bool {
-        self.is_finished
-    }
-
-    /// Gives a world's reset task what it had learned of the starts.
-    ///
-    /// # Errors
-    /// The plugin refuses its state.
-    pub fn restore_reset_task(&self, world: &mut World) -> shield_api::Result<()> {
-        world.restore_reset_task(self.world.reset_task.as_ref())
-    }
-
-    /// The fields of the experiment whose plugins could not save their state. If there are any, the run goes on with new instances of
-    /// these, from a hard reset.
-    pub fn unsaved(&self) -> Vec<String> {
-        let agent =
-            |agent: &'_ Option<AgentState>| agent.as_ref().is_none_or(|agent| agent.plugin.is_saved());
-        let task = |task: &'_ Option<PluginState>| task.as_ref().is_none_or(PluginState::is_saved);
-        let evaluator = self.evaluator.as_ref();
-        let mut all = vec![
-            ("environment".to_owned(), self.world.environment.is_saved()),
-            ("forward".into(), agent(&self.forward)),
-            ("reset".into(), agent(&self.reset)),
-            (
-                "reset_task".into(),
-                task(&self.world.reset_task)
-                    && evaluator.is_none_or(|state| state.reset_tasks.iter().all(task)),
-            ),
-        ];
-        for (index, rule) in self.rules.iter().enumerate() {
-            let in_evaluation = evaluator.and_then(|evaluator| evaluator.rules.get(index));
-            let is_saved = rule.is_saved() && in_evaluation.is_none_or(PluginState::is_saved);
-            all.push((format!("shield.rules[{index}]"), is_saved));
-        }
-        all.into_iter().filter(|(_, is_saved)| !is_saved).map(|(field, _)| field).collect()
-    }
 }
 
 impl Participants {

@@ -5,7 +5,8 @@ use std::time::{Duration, Instant};
 use hdrhistogram::Histogram;
 use shield_api::{ErrorKind, Result};
 
-use super::{Measured, allocations_ffi as allocations};
+use super::Measured;
+use crate::allocations_ffi as allocations;
 
 /// Short calls are timed in groups that last at least so long: reading the clock alone takes some 30 ns.
 const GROUP: Duration = Duration::from_micros(3);

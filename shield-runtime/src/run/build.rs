@@ -13,7 +13,8 @@ use crate::{
         EvaluatedAgent, EvaluationConfig, Experiment, Forward, InputError, Mode, OnWorkerFailure,
         PluginChoice, Variant, WorkerConfig,
     },
-    joint_loop::{LoopRandomness, LoopSettings, Participants},
+    joint_loop::{LoopSettings, Participants},
+    loop_state::LoopRandomness,
     plugin::{
         self, PluginError, Registry,
         isolated::{Isolation, OnFailure, RestartFlag},

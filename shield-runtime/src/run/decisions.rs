@@ -24,7 +24,7 @@ use parquet::{
 
 use serde::{Deserialize, Serialize};
 
-use crate::observer::DecisionRecord;
+use crate::record::DecisionRecord;
 
 /// Rows that wait in memory until they are written together.
 const ROWS: usize = 8_192;

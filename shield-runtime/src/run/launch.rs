@@ -15,7 +15,8 @@ use super::{
 use crate::{
     checkpoint::{CheckpointStore, PluginVersion, Provenance, last_checkpoint},
     experiment::{Difference, Experiment, ExperimentFile, Override, Variant, first_difference},
-    joint_loop::{JointLoop, LoopState},
+    joint_loop::JointLoop,
+    loop_state::LoopState,
     observer::{Fanout, Observer},
     plugin::{PluginError, Registry, clear_metrics},
 };

@@ -22,9 +22,8 @@ use crate::{
     checkpoint::{CheckpointError, CheckpointStore},
     decision::ProjectionKind,
     experience::AgentRole,
-    observer::{
-        Counters, DecisionRecord, EpisodeRecord, EvaluationRecord, Intervention, Observer, Occasion, Snapshot,
-    },
+    observer::{Observer, Occasion, Snapshot},
+    record::{Counters, DecisionRecord, EpisodeRecord, EvaluationRecord, Intervention},
 };
 
 /// How long finished rows may wait in memory.

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use crate::observer::{Counters, EvaluationRecord};
+use crate::record::{Counters, EvaluationRecord};
 
 /// Which run it is.
 #[derive(Debug, Clone, PartialEq, Eq)]

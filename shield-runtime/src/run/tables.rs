@@ -11,7 +11,7 @@ use anyhow::{Context, Result};
 use csv::Writer;
 use serde::Serialize;
 
-use crate::observer::EpisodeEnd;
+use crate::record::EpisodeEnd;
 
 /// A row of one of the files; the fields are the columns.
 pub(super) trait Row: Serialize + Default {

@@ -1,13 +1,10 @@
 //! Keeping what a shield has learned and counted.
 
 use serde::{Deserialize, Serialize};
-use shield_api::Result;
+use shield_api::{AbortRule, Result};
 
-use super::Shield;
-use crate::{
-    agent::AgentState,
-    checkpoint::{PluginState, restore_rules, save_rules},
-};
+use super::{Ladder, Shield};
+use crate::{agent::AgentState, plugin::PluginState};
 
 /// What outlives a program: the reset agent, the rules and the counts. Not where the robot stands.
 #[derive(Serialize, Deserialize)]
@@ -36,4 +33,16 @@ impl Shield {
         self.require_hard_reset();
         Ok(())
     }
+}
+
+/// The states of rules: all that a shield's ladder carries from one decision to the next.
+pub(crate) fn save_rules(shield: Option<&mut Ladder>) -> Result<Vec<PluginState>> {
+    let rules = shield.into_iter().flat_map(Ladder::rules);
+    rules.map(|rule: &mut dyn AbortRule| PluginState::of(rule)).collect()
+}
+
+/// Gives rules their states.
+pub(crate) fn restore_rules(shield: Option<&mut Ladder>, states: &[PluginState]) -> Result<()> {
+    let rules = shield.into_iter().flat_map(Ladder::rules);
+    rules.zip(states).try_for_each(|(rule, state)| state.restore(rule))
 }

@@ -19,8 +19,10 @@ use shield_runtime::{
     experiment::{
         BetweenAttempts, Endings, Mode, OnAbort, ProjectionConfig, RecordConfig, ResetTest, Updates,
     },
-    joint_loop::{JointLoop, LoopRandomness, LoopSettings, Participants},
-    observer::{Counters, EpisodeRecord, EvaluationRecord, Intervention, Observer},
+    joint_loop::{JointLoop, LoopSettings, Participants},
+    loop_state::LoopRandomness,
+    observer::Observer,
+    record::{Counters, EpisodeRecord, EvaluationRecord, Intervention},
     shield::{Ladder, LadderSettings},
     world::World,
 };

@@ -3,6 +3,10 @@
 //!
 //! Only where the format of these places is known: Linux with glibc, on x86-64 and AArch64.
 
+use std::sync::Once;
+
+use crate::environment_check::CountAllocations;
+
 #[cfg(all(target_os = "linux", target_env = "gnu", any(target_arch = "x86_64", target_arch = "aarch64")))]
 mod counter {
     use std::{
@@ -177,4 +181,17 @@ mod counter {
     }
 }
 
-pub(super) use counter::{IS_KNOWN, begin, count};
+pub(crate) use counter::{IS_KNOWN, begin, count};
+
+/// Counts how often the plugins that are loaded by its first use allocate, on whatever thread; `None` where this system does not let
+/// them be counted.
+pub(crate) fn counter() -> Option<&'static CountAllocations> {
+    static BEGUN: Once = Once::new();
+    const COUNTER: &CountAllocations = &|body| {
+        BEGUN.call_once(begin);
+        let before = count();
+        body();
+        count() - before
+    };
+    IS_KNOWN.then_some(COUNTER)
+}
