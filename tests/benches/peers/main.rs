@@ -4,6 +4,7 @@
 //! counts is the best time of each, next to it the median. The machine's peaks are measured between the rounds.
 #![allow(clippy::print_stdout, reason = "a benchmark's report")]
 
+mod bf16;
 mod peaks;
 mod stepping;
 mod torch;
@@ -52,10 +53,20 @@ fn main() {
     }
     let mut report = json!({ "torch": torch.version(), "cases": report });
     drop(torch);
+    report["bf16"] = bf16();
     write(&report);
     report["stepping"] = stepping::measure(python).into();
     write(&report);
     println!("\nwritten to target/bench-peers.json");
+}
+
+/// What products in bf16 could gain on this processor.
+fn bf16() -> Value {
+    let mut peaks = Peaks::default();
+    peaks.measure(1);
+    let Some(flops) = bf16::peak() else { return Value::Null };
+    println!("AVX512-BF16: {:.0} GFLOP/s on one thread, f32 {:.0}", flops / 1e9, peaks.flops / 1e9);
+    json!({ "peak_flops_per_second": flops, "f32_peak_flops_per_second": peaks.flops })
 }
 
 fn write(report: &Value) {
