@@ -46,6 +46,7 @@ pub fn changes(own: &[(&'static str, &'static str)]) -> Settings {
         ("actor_hidden", "[20, 16]"),
         ("critic_hidden", "[20]"),
         ("activation", "Relu"),
+        ("initialisation", "FanIn"),
         ("actor_rate", "2e-3"),
         ("critic_rate", "3e-3"),
         ("discount", "0.9"),

@@ -1,6 +1,6 @@
 //! One update of an ensemble in the shape of DDPG: 20 critics 400-300, 18 observations, 6 actions, batch 64.
 
-use actor_critic::{Activation, Adam, Architecture, Ensemble, Loss};
+use actor_critic::{Activation, Adam, Architecture, Ensemble, Initialisation, Loss};
 use criterion::{Criterion, criterion_group, criterion_main};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -21,7 +21,7 @@ fn random(length: usize, rng: &mut Pcg64) -> Vec<f32> {
 fn critics(threads: usize, rng: &mut Pcg64) -> Ensemble<f32> {
     let architecture =
         Architecture::critic(OBSERVATION, ACTION, &[400, 300], Activation::Tanh).expect("a shape");
-    Ensemble::new(architecture, CRITICS, threads, rng).expect("threads")
+    Ensemble::new(architecture, Initialisation::Lillicrap, CRITICS, threads, rng).expect("threads")
 }
 
 fn update(criterion: &mut Criterion) {

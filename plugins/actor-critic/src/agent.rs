@@ -5,9 +5,9 @@ use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    ActionScale, Activation, Adam, Architecture, CriticStep, Ensemble, EnsembleState, Error, Noise,
-    NoiseProcess, Normaliser, Schedule, body::Body, check_finite_output, checks::check_length, read_state,
-    write_state, write_tensors,
+    ActionScale, Activation, Adam, Architecture, CriticStep, Ensemble, EnsembleState, Error, Initialisation,
+    Noise, NoiseProcess, Normaliser, Schedule, body::Body, check_finite_output, checks::check_length,
+    read_state, write_state, write_tensors,
 };
 
 /// How an [`Agent`]'s critics value one (s, a).
@@ -32,6 +32,8 @@ pub struct AgentSettings<'a> {
     pub critic_hidden: &'a [usize],
     /// What follows the hidden layers of both.
     pub activation: Activation,
+    /// How the weights of both begin.
+    pub initialisation: Initialisation,
     /// How many values the ensemble gives.
     pub members: usize,
     /// Of how many networks a member consists; its value is their smallest.
@@ -111,15 +113,18 @@ impl Agent {
     /// # Errors
     /// Networks that cannot be built, an empty ensemble, or threads that could not be started.
     pub fn new(settings: AgentSettings<'_>) -> Result<Self, Error> {
-        let AgentSettings { observation_len, activation, members, networks_per_member, .. } = settings;
+        let AgentSettings {
+            observation_len, activation, initialisation, members, networks_per_member, ..
+        } = settings;
         let action_len = settings.scale.len();
         let mut rng = Pcg64::seed_from_u64(settings.seed);
         let actor = Architecture::actor(observation_len, action_len, settings.actor_hidden, activation)?;
-        let actor = Ensemble::new(actor, 1, 1, &mut rng)?;
+        let actor = Ensemble::new(actor, initialisation, 1, 1, &mut rng)?;
         let critic = Architecture::critic(observation_len, action_len, settings.critic_hidden, activation)?;
         // One thread per member at most: its networks are worked on by the same.
         let threads = settings.threads.min(members);
-        let mut critics = Ensemble::new(critic, members * networks_per_member, threads, &mut rng)?;
+        let mut critics =
+            Ensemble::new(critic, initialisation, members * networks_per_member, threads, &mut rng)?;
         if let Some(value) = settings.initial_value {
             critics.raise_outputs(value);
         }

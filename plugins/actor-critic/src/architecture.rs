@@ -14,6 +14,32 @@ pub enum Activation {
     Relu,
 }
 
+/// How initial weights are drawn. In a layer of n inputs and m outputs:
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum Initialisation {
+    /// Weights and biases uniform in ±1/√n, those of the last layer in ±3e-3 (Lillicrap et al. 2015, section 7).
+    Lillicrap,
+    /// Weights and biases of every layer uniform in ±1/√n, as PyTorch's linear layers.
+    FanIn,
+    /// Weights uniform in ±√(6/(n + m)), biases 0 (Glorot and Bengio 2010); made for tanh.
+    Glorot,
+    /// Weights uniform in ±√(6/n), biases 0 (He et al. 2015); made for ReLU.
+    He,
+}
+
+impl Initialisation {
+    /// The bounds of a layer's weights and of its biases.
+    fn bounds(self, layer: &Layer, is_last: bool) -> [f64; 2] {
+        let (inputs, outputs) = ((layer.inputs + layer.action_inputs) as f64, layer.outputs as f64);
+        match self {
+            Self::Lillicrap if is_last => [3e-3; 2],
+            Self::Lillicrap | Self::FanIn => [1.0 / inputs.sqrt(); 2],
+            Self::Glorot => [(6.0 / (inputs + outputs)).sqrt(), 0.0],
+            Self::He => [(6.0 / inputs).sqrt(), 0.0],
+        }
+    }
+}
+
 /// One affine layer. Its weights lie at `offset`: `inputs × outputs` row-major, then the rows of the action
 /// (`action_inputs × outputs`), then the bias (`outputs`).
 #[derive(Debug, Clone, PartialEq)]
@@ -163,14 +189,22 @@ impl Architecture {
         &self.layers[self.layers.len() - 1]
     }
 
-    /// Draws initial weights as Lillicrap et al. 2015, section 7: uniform in ±1/√fan-in, the last layer in ±3e-3.
-    pub(crate) fn initialise<T: Real>(&self, parameters: &mut [T], rng: &mut impl Rng) {
+    /// Draws initial weights.
+    pub(crate) fn initialise<T: Real>(
+        &self,
+        initialisation: Initialisation,
+        parameters: &mut [T],
+        rng: &mut impl Rng,
+    ) {
         for (index, layer) in self.layers.iter().enumerate() {
-            let is_last = index + 1 == self.layers.len();
-            let bound =
-                if is_last { 3e-3 } else { 1.0 / ((layer.inputs + layer.action_inputs) as f64).sqrt() };
-            for weight in &mut parameters[layer.offset..layer.offset + layer.parameter_len()] {
-                *weight = T::from_f64(rng.random_range(-bound..bound));
+            let bounds = initialisation.bounds(layer, index + 1 == self.layers.len());
+            let parts = layer.parts_mut(parameters);
+            for (values, bound) in
+                [(parts.weights, bounds[0]), (parts.action_weights, bounds[0]), (parts.bias, bounds[1])]
+            {
+                for value in values {
+                    *value = T::from_f64(if bound > 0.0 { rng.random_range(-bound..bound) } else { 0.0 });
+                }
             }
         }
     }
@@ -178,6 +212,9 @@ impl Architecture {
 
 #[cfg(test)]
 mod tests {
+    use rand::SeedableRng;
+    use rand_pcg::Pcg64;
+
     use super::*;
 
     #[test]
@@ -197,5 +234,34 @@ mod tests {
             assert!(Architecture::critic(3, 1, hidden, Activation::Tanh).is_err(), "{hidden:?}");
         }
         assert!(Architecture::actor(0, 1, &[4], Activation::Tanh).is_err());
+    }
+
+    #[test]
+    fn initial_weights_fill_the_bounds_of_their_sources() {
+        let critic = Architecture::critic(14, 2, &[100, 64], Activation::Tanh).unwrap();
+        let sources = [
+            (Initialisation::Lillicrap, [1.0 / 14f64.sqrt(), 1.0 / 102f64.sqrt(), 3e-3], true),
+            (Initialisation::FanIn, [1.0 / 14f64.sqrt(), 1.0 / 102f64.sqrt(), 1.0 / 8.0], true),
+            (
+                Initialisation::Glorot,
+                [(6.0 / 114f64).sqrt(), (6.0 / 166f64).sqrt(), (6.0 / 65f64).sqrt()],
+                false,
+            ),
+            (Initialisation::He, [(6.0 / 14f64).sqrt(), (6.0 / 102f64).sqrt(), (6.0 / 64f64).sqrt()], false),
+        ];
+        for (initialisation, bounds, has_biases) in sources {
+            let mut parameters = vec![f64::NAN; critic.parameter_len()];
+            critic.initialise(initialisation, &mut parameters, &mut Pcg64::seed_from_u64(1));
+            for (layer, bound) in critic.layers.iter().zip(bounds) {
+                let Parts { weights, action_weights, bias } = layer.parts(&parameters);
+                let largest =
+                    |values: &[f64]| values.iter().fold(0.0, |most: f64, value| most.max(value.abs()));
+                for values in [weights, action_weights].into_iter().filter(|values| !values.is_empty()) {
+                    let share = largest(values) / bound;
+                    assert!((0.9..1.0).contains(&share), "{initialisation:?}: {share}");
+                }
+                assert_eq!(largest(bias) > 0.0, has_biases, "{initialisation:?}");
+            }
+        }
     }
 }

@@ -5,7 +5,7 @@ use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    Architecture, Error, Group, Member, Real,
+    Architecture, Error, Group, Initialisation, Member, Real,
     adam::Slices,
     half::{self, Copies},
     pass::Workspace,
@@ -39,12 +39,13 @@ pub struct Ensemble<T: Real> {
 }
 
 impl<T: Real> Ensemble<T> {
-    /// Draws initial weights (Lillicrap et al. 2015); target networks begin equal.
+    /// Draws initial weights; target networks begin equal.
     ///
     /// # Errors
     /// [`Error::NoMembers`], or [`Error::Threads`] if they cannot be started.
     pub fn new(
         architecture: Architecture,
+        initialisation: Initialisation,
         members: usize,
         threads: usize,
         rng: &mut impl Rng,
@@ -55,7 +56,7 @@ impl<T: Real> Ensemble<T> {
         let length = architecture.parameter_len();
         let mut weights = vec![T::ZERO; members * length];
         for weights in weights.chunks_exact_mut(length) {
-            architecture.initialise(weights, rng);
+            architecture.initialise(initialisation, weights, rng);
         }
         let workers = threads.clamp(1, members);
         let pool = match workers {

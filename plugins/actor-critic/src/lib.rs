@@ -24,7 +24,7 @@ mod tensors;
 pub use action_scale::ActionScale;
 pub use adam::Adam;
 pub use agent::{Agent, AgentSettings, PolicyStep, Valuation, smaller};
-pub use architecture::{Activation, Architecture};
+pub use architecture::{Activation, Architecture, Initialisation};
 pub use body::{Body, Buffers};
 pub use checkpoint::{read_state, write_state};
 pub use checks::{

@@ -116,7 +116,7 @@ mod tests {
     use safetensors::SafeTensors;
 
     use super::*;
-    use crate::Activation;
+    use crate::{Activation, Initialisation};
 
     /// What a reader computes from the file: y = x W + b, tanh in between.
     fn forward(
@@ -150,7 +150,9 @@ mod tests {
     #[test]
     fn a_reader_of_the_file_computes_the_same_values() {
         let architecture = Architecture::critic(3, 2, &[5, 4], Activation::Tanh).unwrap();
-        let mut critics = Ensemble::<f32>::new(architecture, 3, 1, &mut Pcg64::seed_from_u64(1)).unwrap();
+        let mut critics =
+            Ensemble::<f32>::new(architecture, Initialisation::Lillicrap, 3, 1, &mut Pcg64::seed_from_u64(1))
+                .unwrap();
         critics.raise_outputs(1.0);
         let mut bytes = Vec::new();
         write_tensors(&critics.tensors("critics", false), &mut bytes).unwrap();

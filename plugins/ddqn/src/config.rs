@@ -1,6 +1,8 @@
 //! The configuration, and what it may hold.
 
-use actor_critic::{Activation, Error, Loss, check_finite_setting, check_positive, check_share};
+use actor_critic::{
+    Activation, Error, Initialisation, Loss, check_finite_setting, check_positive, check_share,
+};
 
 shield_api::config! {
     /// Settings of double DQN. "CleanRL" is the setting of its `dqn.py` for small tasks; "DDQN" is van Hasselt et al. 2016.
@@ -11,6 +13,8 @@ shield_api::config! {
         hidden: Vec<usize> = vec![120, 84] => "[120, 84]",
         /// Tanh or Relu in hidden layers (CleanRL: ReLU).
         activation: Activation = Activation::Relu => "Relu",
+        /// How weights begin: Lillicrap (small in the last layer), FanIn (PyTorch's; CleanRL), Glorot or He.
+        initialisation: Initialisation = Initialisation::Lillicrap => "Lillicrap",
         /// Adam's step size (CleanRL: 2.5e-4).
         rate: f64 = 2.5e-4,
         /// γ (DDQN: 0.99).

@@ -74,7 +74,9 @@ impl Plugin for Ddqn {
         let observation_len = spaces.observation_len();
         let mut rng = Pcg64::seed_from_u64(setup.seed);
         let mut networks = Architecture::action_values(observation_len, n, &config.hidden, config.activation)
-            .and_then(|network| Ensemble::new(network, config.members, setup.threads, &mut rng))
+            .and_then(|network| {
+                Ensemble::new(network, config.initialisation, config.members, setup.threads, &mut rng)
+            })
             .map_err(plugin_error)?;
         if let Some(value) = config.initial_value {
             networks.raise_outputs(value);

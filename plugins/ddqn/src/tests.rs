@@ -25,6 +25,7 @@ impl conformance::Subject for Ddqn {
             ("members", "4"),
             ("hidden", "[20]"),
             ("activation", "Tanh"),
+            ("initialisation", "FanIn"),
             ("rate", "1e-3"),
             ("discount", "0.9"),
             ("tau", "0.5"),

@@ -1,6 +1,6 @@
 //! The configuration of DDPG.
 
-use actor_critic::{Activation, Loss, NoiseProcess, Valuation};
+use actor_critic::{Activation, Initialisation, Loss, NoiseProcess, Valuation};
 
 shield_api::config! {
     /// Settings of DDPG. "Paper" is Leave no Trace, appendix C; what it does not give comes from Lillicrap et al. 2015
@@ -14,6 +14,8 @@ shield_api::config! {
         critic_hidden: Vec<usize> = vec![400, 300] => "[400, 300]",
         /// Tanh or Relu in hidden layers (paper: tanh).
         activation: Activation = Activation::Tanh => "Tanh",
+        /// How weights begin: Lillicrap (small in the last layer), FanIn (PyTorch's), Glorot or He (DDPG).
+        initialisation: Initialisation = Initialisation::Lillicrap => "Lillicrap",
         /// Adam's step size for the actor (DDPG: 1e-4).
         actor_rate: f64 = 1e-4,
         /// Adam's step size for the critics (DDPG: 1e-3).

@@ -28,6 +28,7 @@ macro_rules! describe_agent {
                     actor_hidden: &self.actor_hidden,
                     critic_hidden: &self.critic_hidden,
                     activation: self.activation,
+                    initialisation: self.initialisation,
                     members: self.critics,
                     networks_per_member: $networks,
                     initial_value: self.initial_value,

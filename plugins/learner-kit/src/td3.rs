@@ -1,6 +1,8 @@
 //! The configuration of TD3.
 
-use actor_critic::{Activation, Loss, NoiseProcess, Valuation, check_not_negative, check_positive};
+use actor_critic::{
+    Activation, Initialisation, Loss, NoiseProcess, Valuation, check_not_negative, check_positive,
+};
 
 shield_api::config! {
     /// Settings of TD3. "TD3" is Fujimoto et al. 2018; "paper" is Leave no Trace, appendix C.
@@ -13,6 +15,8 @@ shield_api::config! {
         critic_hidden: Vec<usize> = vec![400, 300] => "[400, 300]",
         /// Tanh or Relu in hidden layers (paper: tanh; TD3: ReLU).
         activation: Activation = Activation::Tanh => "Tanh",
+        /// How weights begin: Lillicrap (small in the last layer), FanIn (PyTorch's), Glorot or He (DDPG; TD3 has FanIn).
+        initialisation: Initialisation = Initialisation::Lillicrap => "Lillicrap",
         /// Adam's step size for the actor (TD3: 1e-3 with 400-300; its authors' later code has 3e-4 with 256-256).
         actor_rate: f64 = 1e-3,
         /// Adam's step size for the critics (as the actor's).

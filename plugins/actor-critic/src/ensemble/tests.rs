@@ -2,7 +2,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
 use super::*;
-use crate::{Activation, Adam, Loss};
+use crate::{Activation, Adam, Initialisation, Loss};
 
 const OBSERVATION: usize = 3;
 const ACTION: usize = 2;
@@ -15,7 +15,14 @@ fn random(length: usize, seed: u64) -> Vec<f64> {
 
 /// An ensemble whose last layer is not nearly zero, as a trained one's.
 fn ensemble<T: Real>(architecture: Architecture, members: usize, threads: usize) -> Ensemble<T> {
-    let mut ensemble = Ensemble::new(architecture, members, threads, &mut Pcg64::seed_from_u64(7)).unwrap();
+    let mut ensemble = Ensemble::new(
+        architecture,
+        Initialisation::Lillicrap,
+        members,
+        threads,
+        &mut Pcg64::seed_from_u64(7),
+    )
+    .unwrap();
     for (weight, value) in ensemble.state.weights.iter_mut().zip(random(1_000_000, 8)) {
         *weight = T::from_f64(0.7 * value);
     }
@@ -232,7 +239,8 @@ fn a_foreign_state_is_refused() {
 fn initial_weights_have_the_published_bounds() {
     let architecture = Architecture::critic(OBSERVATION, ACTION, &[40, 30], Activation::Tanh).unwrap();
     let mut ensemble: Ensemble<f32> =
-        Ensemble::new(architecture.clone(), 2, 1, &mut Pcg64::seed_from_u64(0)).unwrap();
+        Ensemble::new(architecture.clone(), Initialisation::Lillicrap, 2, 1, &mut Pcg64::seed_from_u64(0))
+            .unwrap();
     let bounds = [1.0 / 3.0_f32.sqrt(), 1.0 / 42.0_f32.sqrt(), 3e-3];
     for member in ensemble.state.weights.chunks_exact(architecture.parameter_len()) {
         for (layer, bound) in architecture.layers.iter().zip(bounds) {
@@ -252,7 +260,7 @@ fn initial_weights_have_the_published_bounds() {
 fn no_member_is_no_ensemble() {
     let architecture = Architecture::critic(OBSERVATION, ACTION, &[4], Activation::Tanh).unwrap();
     assert!(matches!(
-        Ensemble::<f32>::new(architecture, 0, 1, &mut Pcg64::seed_from_u64(0)),
+        Ensemble::<f32>::new(architecture, Initialisation::Lillicrap, 0, 1, &mut Pcg64::seed_from_u64(0)),
         Err(Error::NoMembers)
     ));
 }
