@@ -1,5 +1,6 @@
 //! A plugin's own configuration: declared once, parsed strictly, listed in the manifest.
 
+use ron::extensions::Extensions;
 use serde::de::DeserializeOwned;
 
 use crate::{Error, Result};
@@ -28,7 +29,7 @@ pub trait PluginConfig: DeserializeOwned + Default {
     /// [`ErrorKind::InvalidConfig`](crate::ErrorKind::InvalidConfig) with the position of the fault.
     fn parse(text: &str) -> Result<Self> {
         // With its extension for `Some(field: 1)`, `ron` refuses `Some((field: 1))`, which is the form that a host can send.
-        let long = ron::Options::default().from_str(text);
+        let long = ron::Options::default().with_default_extension(Extensions::IMPLICIT_SOME).from_str(text);
         let read = long.or_else(|long: ron::error::SpannedError| {
             ron_options().from_str(text).map_err(|short| {
                 let got_further = short.span.start > long.span.start;
@@ -42,9 +43,10 @@ pub trait PluginConfig: DeserializeOwned + Default {
     }
 }
 
-/// How RON is read everywhere: `Some(field: 1)` may stand for `Some((field: 1))`.
+/// How RON is read everywhere: `Some(field: 1)` may stand for `Some((field: 1))`, and `Some(…)` may be left out.
 pub fn ron_options() -> ron::Options {
-    ron::Options::default().with_default_extension(ron::extensions::Extensions::UNWRAP_VARIANT_NEWTYPES)
+    ron::Options::default()
+        .with_default_extension(Extensions::UNWRAP_VARIANT_NEWTYPES | Extensions::IMPLICIT_SOME)
 }
 
 /// Declares a plugin's configuration: a struct with documented fields and defaults.
@@ -120,8 +122,12 @@ mod tests {
     }
 
     #[test]
-    fn an_optional_structure_may_be_written_in_both_forms() {
-        for text in ["(range: Some((low: 1.0)))", "(range: Some(low: 1.0), count: 2)"] {
+    fn an_optional_structure_may_be_written_in_every_form() {
+        for text in [
+            "(range: Some((low: 1.0)))",
+            "(range: Some(low: 1.0), count: 2)",
+            "(range: (low: 1.0), count: 2)",
+        ] {
             let range = Settings::parse(text).unwrap().range;
             assert_eq!(range, Some(Range { low: 1.0 }), "{text}");
         }

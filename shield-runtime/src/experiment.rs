@@ -17,8 +17,8 @@ mod variant;
 
 use std::path::{Path, PathBuf};
 
-use ron::extensions::Extensions;
 use serde::de::IgnoredAny;
+use shield_api::ron_options;
 
 pub use config::{
     BetweenAttempts, CheckpointConfig, DropInConfig, Endings, EvaluatedAgent, EvaluationConfig,
@@ -39,11 +39,6 @@ use tree::Node;
 
 /// The name of the variant of an experiment that declares none.
 const ONLY_VARIANT: &str = "default";
-
-/// RON as plugins read it; besides, `Some(…)` may be left out: `reset: (plugin: "ddpg")`.
-fn ron_options() -> ron::Options {
-    shield_api::ron_options().with_default_extension(Extensions::IMPLICIT_SOME)
-}
 
 /// The text of an experiment, and how messages name it.
 #[derive(Debug, Clone, PartialEq, Eq)]

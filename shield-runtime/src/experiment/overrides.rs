@@ -2,12 +2,13 @@
 
 use serde::Deserialize;
 use serde::de::IgnoredAny;
+use shield_api::ron_options;
 
 use indexmap::IndexMap;
 
+use super::ExperimentFile;
 use super::error::{Fault, InputError, Location};
 use super::tree::Node;
-use super::{ExperimentFile, ron_options};
 
 /// A value for one path.
 #[derive(Debug, Clone, PartialEq, Eq)]

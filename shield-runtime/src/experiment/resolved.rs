@@ -2,9 +2,10 @@
 
 use ron::value::RawValue;
 use serde::de::IgnoredAny;
+use shield_api::ron_options;
 
 use super::config::PluginChoice;
-use super::ron_options;
+
 use super::tree::{Kind, Node};
 use super::variant::Variant;
 

@@ -3,8 +3,9 @@
 use std::path::Path;
 
 use serde::de::DeserializeOwned;
-use shield_api::Position;
+use shield_api::{Position, ron_options};
 
+use super::ExperimentFile;
 use super::config::Experiment;
 use super::edit::{EditedText, Origin};
 use super::error::{Fault, InputError, Location, offset_at, position_at};
@@ -12,7 +13,6 @@ use super::overrides::{Given, Override};
 use super::path;
 use super::tree::{Kind, Node, skip_trivia};
 use super::validate::{Complaint, validate};
-use super::{ExperimentFile, ron_options};
 
 /// An experiment with the overrides of one variant and of the command line.
 #[derive(Debug, Clone)]
