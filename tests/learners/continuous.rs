@@ -45,6 +45,7 @@ pub fn changes(own: &[(&'static str, &'static str)]) -> Settings {
         ("critics", "4"),
         ("actor_hidden", "[20, 16]"),
         ("critic_hidden", "[20]"),
+        ("action_layer", "0"),
         ("activation", "Relu"),
         ("initialisation", "FanIn"),
         ("actor_rate", "2e-3"),

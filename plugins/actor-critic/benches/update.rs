@@ -20,7 +20,7 @@ fn random(length: usize, rng: &mut Pcg64) -> Vec<f32> {
 
 fn critics(threads: usize, rng: &mut Pcg64) -> Ensemble<f32> {
     let architecture =
-        Architecture::critic(OBSERVATION, ACTION, &[400, 300], Activation::Tanh).expect("a shape");
+        Architecture::critic(OBSERVATION, ACTION, &[400, 300], 1, Activation::Tanh).expect("a shape");
     Ensemble::new(architecture, Initialisation::Lillicrap, CRITICS, threads, rng).expect("threads")
 }
 

@@ -30,6 +30,8 @@ pub struct AgentSettings<'a> {
     pub actor_hidden: &'a [usize],
     /// Hidden layers of a critic.
     pub critic_hidden: &'a [usize],
+    /// The hidden layer of a critic at which the action enters, from 0.
+    pub action_layer: usize,
     /// What follows the hidden layers of both.
     pub activation: Activation,
     /// How the weights of both begin.
@@ -120,7 +122,13 @@ impl Agent {
         let mut rng = Pcg64::seed_from_u64(settings.seed);
         let actor = Architecture::actor(observation_len, action_len, settings.actor_hidden, activation)?;
         let actor = Ensemble::new(actor, initialisation, 1, 1, &mut rng)?;
-        let critic = Architecture::critic(observation_len, action_len, settings.critic_hidden, activation)?;
+        let critic = Architecture::critic(
+            observation_len,
+            action_len,
+            settings.critic_hidden,
+            settings.action_layer,
+            activation,
+        )?;
         // One thread per member at most: its networks are worked on by the same.
         let threads = settings.threads.min(members);
         let mut critics =

@@ -91,8 +91,8 @@ pub struct Architecture {
 }
 
 impl Architecture {
-    /// Q(s, a): the observation passes the first hidden layer, the action is concatenated, the rest follows (Lillicrap et
-    /// al. 2015; Leave no Trace, appendix C). With a single hidden layer the action enters beside the observation.
+    /// Q(s, a): the action is concatenated with the input of hidden layer `action_layer`, or of the last if there are fewer. 0 is beside the
+    /// observation (Fujimoto et al. 2018), 1 before the second (Lillicrap et al. 2015; Leave no Trace, appendix C).
     ///
     /// # Errors
     /// [`Error::Shape`] for an empty layer or none.
@@ -100,9 +100,10 @@ impl Architecture {
         observation_len: usize,
         action_len: usize,
         hidden: &[usize],
+        action_layer: usize,
         activation: Activation,
     ) -> Result<Self, Error> {
-        let join = 1.min(hidden.len().saturating_sub(1));
+        let join = action_layer.min(hidden.len().saturating_sub(1));
         Self::new(observation_len, hidden, 1, activation, None, Some((join, action_len)))
     }
 
@@ -219,9 +220,13 @@ mod tests {
 
     #[test]
     fn the_papers_critic_has_its_published_number_of_weights() {
-        let critic = Architecture::critic(18, 6, &[400, 300], Activation::Tanh).unwrap();
+        let critic = Architecture::critic(18, 6, &[400, 300], 1, Activation::Tanh).unwrap();
         assert_eq!(critic.parameter_len(), 18 * 400 + 400 + 406 * 300 + 300 + 300 + 1);
         assert_eq!((critic.join, critic.output_len(), critic.activation_len()), (1, 1, 701));
+        let critic = Architecture::critic(18, 6, &[400, 300], 0, Activation::Tanh).unwrap();
+        assert_eq!((critic.join, critic.parameter_len()), (0, 24 * 400 + 400 + 400 * 300 + 300 + 300 + 1));
+        let critic = Architecture::critic(18, 6, &[400], 1, Activation::Tanh).unwrap();
+        assert_eq!(critic.join, 0);
         let actor = Architecture::actor(18, 6, &[400, 300], Activation::Tanh).unwrap();
         assert_eq!(actor.parameter_len(), 18 * 400 + 400 + 400 * 300 + 300 + 300 * 6 + 6);
         let values = Architecture::action_values(25, 4, &[64], Activation::Relu).unwrap();
@@ -231,14 +236,14 @@ mod tests {
     #[test]
     fn networks_that_cannot_be_are_refused() {
         for hidden in [&[][..], &[0], &[4, 0]] {
-            assert!(Architecture::critic(3, 1, hidden, Activation::Tanh).is_err(), "{hidden:?}");
+            assert!(Architecture::critic(3, 1, hidden, 1, Activation::Tanh).is_err(), "{hidden:?}");
         }
         assert!(Architecture::actor(0, 1, &[4], Activation::Tanh).is_err());
     }
 
     #[test]
     fn initial_weights_fill_the_bounds_of_their_sources() {
-        let critic = Architecture::critic(14, 2, &[100, 64], Activation::Tanh).unwrap();
+        let critic = Architecture::critic(14, 2, &[100, 64], 1, Activation::Tanh).unwrap();
         let sources = [
             (Initialisation::Lillicrap, [1.0 / 14f64.sqrt(), 1.0 / 102f64.sqrt(), 3e-3], true),
             (Initialisation::FanIn, [1.0 / 14f64.sqrt(), 1.0 / 102f64.sqrt(), 1.0 / 8.0], true),

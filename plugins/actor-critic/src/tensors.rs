@@ -149,7 +149,7 @@ mod tests {
 
     #[test]
     fn a_reader_of_the_file_computes_the_same_values() {
-        let architecture = Architecture::critic(3, 2, &[5, 4], Activation::Tanh).unwrap();
+        let architecture = Architecture::critic(3, 2, &[5, 4], 1, Activation::Tanh).unwrap();
         let mut critics =
             Ensemble::<f32>::new(architecture, Initialisation::Lillicrap, 3, 1, &mut Pcg64::seed_from_u64(1))
                 .unwrap();

@@ -10,8 +10,10 @@ shield_api::config! {
         critics: usize = 20,
         /// Hidden layers of the actor (paper: 400, 300).
         actor_hidden: Vec<usize> = vec![400, 300] => "[400, 300]",
-        /// Hidden layers of a critic; the action enters before the second (paper: 400, 300).
+        /// Hidden layers of a critic (paper: 400, 300).
         critic_hidden: Vec<usize> = vec![400, 300] => "[400, 300]",
+        /// The hidden layer of a critic at which the action enters, from 0; the last if there are fewer (DDPG and paper: 1; TD3: 0).
+        action_layer: usize = 1,
         /// Tanh or Relu in hidden layers (paper: tanh).
         activation: Activation = Activation::Tanh => "Tanh",
         /// How weights begin: Lillicrap (small in the last layer), FanIn (PyTorch's), Glorot or He (DDPG).

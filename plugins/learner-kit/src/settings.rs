@@ -27,6 +27,7 @@ macro_rules! describe_agent {
                     scale: actor_critic::ActionScale::new(low, high).map_err($crate::plugin_error)?,
                     actor_hidden: &self.actor_hidden,
                     critic_hidden: &self.critic_hidden,
+                    action_layer: self.action_layer,
                     activation: self.activation,
                     initialisation: self.initialisation,
                     members: self.critics,

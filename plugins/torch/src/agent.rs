@@ -97,13 +97,15 @@ impl<P: Precision> TorchAgent<P> {
         let (observation_len, activation) = (settings.observation_len, settings.activation);
         let (members, networks_per_member) = (settings.members, settings.networks_per_member);
         let (actor_hidden, critic_hidden) = (settings.actor_hidden, settings.critic_hidden);
-        let (valuation, threads) = (settings.valuation, settings.threads);
+        let (action_layer, valuation, threads) =
+            (settings.action_layer, settings.valuation, settings.threads);
         let Agent { mut actor, mut critics, body, .. } = Agent::new(settings).map_err(plugin_error)?;
         tch::set_num_threads(threads as i32);
         let device = Device::cuda_if_available();
         let action_len = body.scale.len();
         let actor_shape = Shape::actor(observation_len, actor_hidden, action_len, activation);
-        let critic_shape = Shape::critic(observation_len, critic_hidden, action_len, activation);
+        let critic_shape =
+            Shape::critic(observation_len, critic_hidden, action_layer, action_len, activation);
         let networks = members * networks_per_member;
         Ok(Self {
             actor: Networks::new(actor_shape, 1, &weights(&mut actor), device, P::KIND)?,

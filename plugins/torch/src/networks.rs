@@ -34,14 +34,15 @@ impl Shape {
         Self::new(observation_len, hidden, action_len, None, activation)
     }
 
-    /// Q(s, a): the action enters at the second layer, or at the first if it is the only one.
+    /// Q(s, a): the action enters at hidden layer `action_layer`, or at the last if there are fewer.
     pub fn critic(
         observation_len: usize,
         hidden: &[usize],
+        action_layer: usize,
         action_len: usize,
         activation: Activation,
     ) -> Self {
-        let join = 1.min(hidden.len() - 1);
+        let join = action_layer.min(hidden.len() - 1);
         Self::new(observation_len, hidden, 1, Some((join, action_len)), activation)
     }
 

@@ -30,7 +30,7 @@ fn ensemble<T: Real>(architecture: Architecture, members: usize, threads: usize)
 }
 
 fn critic<T: Real>(hidden: &[usize], activation: Activation, members: usize, threads: usize) -> Ensemble<T> {
-    ensemble(Architecture::critic(OBSERVATION, ACTION, hidden, activation).unwrap(), members, threads)
+    ensemble(Architecture::critic(OBSERVATION, ACTION, hidden, 1, activation).unwrap(), members, threads)
 }
 
 /// (f(x + h) − f(x − h)) / 2h for each coordinate of x.
@@ -104,10 +104,10 @@ fn the_backward_pass_equals_finite_differences() {
     for activation in [Activation::Tanh, Activation::Relu] {
         for loss in [Loss::Squared, Loss::Huber] {
             for hidden in [&[7, 6][..], &[5], &[4, 6, 5]] {
-                check_gradients(
-                    &Architecture::critic(OBSERVATION, ACTION, hidden, activation).unwrap(),
-                    loss,
-                );
+                for action_layer in [0, 1, 2] {
+                    let critic = Architecture::critic(OBSERVATION, ACTION, hidden, action_layer, activation);
+                    check_gradients(&critic.unwrap(), loss);
+                }
                 check_gradients(&Architecture::actor(OBSERVATION, ACTION, hidden, activation).unwrap(), loss);
                 check_gradients(
                     &Architecture::action_values(OBSERVATION, 4, hidden, activation).unwrap(),
@@ -237,7 +237,7 @@ fn a_foreign_state_is_refused() {
 
 #[test]
 fn initial_weights_have_the_published_bounds() {
-    let architecture = Architecture::critic(OBSERVATION, ACTION, &[40, 30], Activation::Tanh).unwrap();
+    let architecture = Architecture::critic(OBSERVATION, ACTION, &[40, 30], 1, Activation::Tanh).unwrap();
     let mut ensemble: Ensemble<f32> =
         Ensemble::new(architecture.clone(), Initialisation::Lillicrap, 2, 1, &mut Pcg64::seed_from_u64(0))
             .unwrap();
@@ -258,7 +258,7 @@ fn initial_weights_have_the_published_bounds() {
 
 #[test]
 fn no_member_is_no_ensemble() {
-    let architecture = Architecture::critic(OBSERVATION, ACTION, &[4], Activation::Tanh).unwrap();
+    let architecture = Architecture::critic(OBSERVATION, ACTION, &[4], 1, Activation::Tanh).unwrap();
     assert!(matches!(
         Ensemble::<f32>::new(architecture, Initialisation::Lillicrap, 0, 1, &mut Pcg64::seed_from_u64(0)),
         Err(Error::NoMembers)
