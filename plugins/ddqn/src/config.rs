@@ -13,7 +13,7 @@ shield_api::config! {
         hidden: Vec<usize> = vec![120, 84] => "[120, 84]",
         /// Tanh or Relu in hidden layers (CleanRL: ReLU).
         activation: Activation = Activation::Relu => "Relu",
-        /// How weights begin: Lillicrap (small in the last layer), FanIn (PyTorch's; CleanRL), Glorot or He.
+        /// How weights begin: Lillicrap (DDPG's: small in the last layer), FanIn (PyTorch's, so CleanRL's), Glorot or He.
         initialisation: Initialisation = Initialisation::Lillicrap => "Lillicrap",
         /// Adam's step size (CleanRL: 2.5e-4).
         rate: f64 = 2.5e-4,

@@ -16,7 +16,7 @@ shield_api::config! {
         action_layer: usize = 1,
         /// Tanh or Relu in hidden layers (paper: tanh).
         activation: Activation = Activation::Tanh => "Tanh",
-        /// How weights begin: Lillicrap (small in the last layer), FanIn (PyTorch's), Glorot or He (DDPG).
+        /// How weights begin: Lillicrap (DDPG's: small in the last layer), FanIn (PyTorch's), Glorot or He.
         initialisation: Initialisation = Initialisation::Lillicrap => "Lillicrap",
         /// Adam's step size for the actor (DDPG: 1e-4).
         actor_rate: f64 = 1e-4,

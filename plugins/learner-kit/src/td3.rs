@@ -17,7 +17,7 @@ shield_api::config! {
         action_layer: usize = 1,
         /// Tanh or Relu in hidden layers (paper: tanh; TD3: ReLU).
         activation: Activation = Activation::Tanh => "Tanh",
-        /// How weights begin: Lillicrap (small in the last layer), FanIn (PyTorch's), Glorot or He (DDPG; TD3 has FanIn).
+        /// How weights begin: Lillicrap (DDPG's: small in the last layer), FanIn (PyTorch's, so TD3's), Glorot or He.
         initialisation: Initialisation = Initialisation::Lillicrap => "Lillicrap",
         /// Adam's step size for the actor (TD3: 1e-3 with 400-300; its authors' later code has 3e-4 with 256-256).
         actor_rate: f64 = 1e-3,
