@@ -6,10 +6,11 @@ use pulp::{Arch, Simd, WithSimd};
 
 /// Independent sums: enough to hide the latency of a multiply-add in two units.
 const SUMS: usize = 16;
-const ROUNDS: usize = 200_000;
+/// Milliseconds of work, so that starting a thread and moving it to a free core do not count.
+const ROUNDS: usize = 4_000_000;
 /// As many weights as 20 critics have: they lie beyond the second-level cache.
 const WEIGHTS: usize = 2_600_000;
-const PASSES: usize = 6;
+const PASSES: usize = 40;
 
 /// The best seen so far.
 #[derive(Default)]
