@@ -48,7 +48,8 @@ extern "C" {
 // `config` is a text that ends with 0.
 Shield *shield_open(const char *config);
 
-// Decides on `action`, which afterwards holds what may be executed, whatever is returned. The first observation of all is taken for a start.
+// Decides on `action`, which afterwards holds what may be executed, whatever is returned: after a failure the action of the space that is nearest to
+// 0, and zeros where `shield` is null. The first observation of all is taken for a start.
 // Returns a verdict, or SHIELD_FAILED.
 //
 // # Safety

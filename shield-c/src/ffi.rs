@@ -14,7 +14,7 @@ use runtime::{
     decision::Decision,
     drop_in::{DropIn, StateError},
 };
-use shield_api::{Phase, ResetSignal};
+use shield_api::{Error, Phase, ResetSignal};
 
 use crate::{
     errors,
@@ -52,7 +52,8 @@ pub unsafe extern "C" fn shield_open(config: *const c_char) -> *mut Shield {
     opened.map_or(ptr::null_mut(), |shield| Box::into_raw(Box::new(shield)))
 }
 
-/// Decides on `action`, which afterwards holds what may be executed, whatever is returned. The first observation of all is taken for a start.
+/// Decides on `action`, which afterwards holds what may be executed, whatever is returned: after a failure the action of the space that is nearest to
+/// 0, and zeros where `shield` is null. The first observation of all is taken for a start.
 /// Returns a verdict, or SHIELD_FAILED.
 ///
 /// # Safety
@@ -71,9 +72,18 @@ pub unsafe extern "C" fn shield_filter(
             if action.is_null() { None } else { Some(slice::from_raw_parts_mut(action, action_len)) };
         (shield.as_mut(), numbers(observation, observation_len), action)
     };
-    let (Some(shield), Some(observation), Some(action)) = (shield, observation, action) else {
-        errors::keep("the shield, the observation or the action is null");
-        return SHIELD_FAILED;
+    let (shield, observation, action) = match (shield, observation, action) {
+        (Some(shield), Some(observation), Some(action)) => (shield, observation, action),
+        (shield, _, action) => {
+            errors::keep("the shield, the observation or the action is null");
+            match (shield, action) {
+                (Some(shield), Some(action)) => shield.rest(action),
+                // Nobody knows what is harmless there; 0 is what most machines rest at.
+                (None, Some(action)) => action.fill(0.0),
+                (_, None) => {}
+            }
+            return SHIELD_FAILED;
+        }
     };
     let Some(decision) = shield.with(|drop_in| drop_in.filter(observation, action)) else {
         shield.rest(action);
@@ -254,12 +264,16 @@ unsafe fn see(
     body: impl FnOnce(&mut DropIn, &[f32]) -> shield_api::Result<()>,
 ) -> i32 {
     // SAFETY: the caller's promise; null is refused.
-    let Some(observation) = (unsafe { numbers(observation, length) }) else {
-        errors::keep("the observation is null");
-        return SHIELD_FAILED;
+    let observation = unsafe { numbers(observation, length) };
+    let checked = |drop_in: &mut DropIn| match observation {
+        Some(observation) => body(drop_in, observation),
+        None => {
+            drop_in.require_hard_reset();
+            Err(Error::invalid_argument("the observation is null"))
+        }
     };
     // SAFETY: the caller's promise.
-    unsafe { change(shield, |drop_in| body(drop_in, observation)) }
+    unsafe { change(shield, checked) }
 }
 
 /// Writes or reads a shield's file.
@@ -291,7 +305,11 @@ unsafe fn on(shield: *mut Shield, body: impl FnOnce(&mut Shield) -> Option<i32>)
         errors::keep("the shield is null");
         return SHIELD_FAILED;
     };
-    body(shield).unwrap_or(SHIELD_FAILED)
+    let done = body(shield);
+    if done.is_some() {
+        errors::clear();
+    }
+    done.unwrap_or(SHIELD_FAILED)
 }
 
 unsafe fn numbers<'a>(numbers: *const f32, length: usize) -> Option<&'a [f32]> {

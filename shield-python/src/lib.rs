@@ -3,7 +3,10 @@
 //! Arrays are copied before anything is done with them, and the interpreter is let go while the shield decides and learns.
 #![forbid(unsafe_code)]
 
-use std::{path::PathBuf, sync::Mutex};
+use std::{
+    path::PathBuf,
+    sync::{Mutex, MutexGuard},
+};
 
 use numpy::{PyReadonlyArray1, PyReadwriteArray1};
 use pyo3::{
@@ -52,6 +55,8 @@ struct Inside {
 #[pyclass(frozen, module = "shield._core")]
 struct Core {
     inside: Mutex<Inside>,
+    /// Where it was made: its threads do not follow a fork.
+    process: u32,
     /// The ids of the rules, in the order in which the shield counts them.
     #[pyo3(get)]
     rules: Vec<String>,
@@ -60,15 +65,24 @@ struct Core {
 }
 
 impl Core {
+    fn lock(&self, py: Python<'_>) -> PyResult<MutexGuard<'_, Inside>> {
+        if self.process != std::process::id() {
+            return Err(failed(
+                "the shield was made in another process; a forked one needs a shield of its own",
+            ));
+        }
+        self.inside.lock_py_attached(py).map_err(|_| failed("the shield panicked"))
+    }
+
     /// Hands the shield to `body` without holding the interpreter.
     fn with<R: Send>(&self, py: Python<'_>, body: impl FnOnce(&mut Inside) -> R + Send) -> PyResult<R> {
-        let mut inside = self.inside.lock_py_attached(py).map_err(|_| failed("the shield panicked"))?;
+        let mut inside = self.lock(py)?;
         let inside: &mut Inside = &mut inside;
         Ok(py.detach(move || body(inside)))
     }
 
     fn look<R>(&self, py: Python<'_>, body: impl FnOnce(&DropIn) -> R) -> PyResult<R> {
-        let inside = self.inside.lock_py_attached(py).map_err(|_| failed("the shield panicked"))?;
+        let inside = self.lock(py)?;
         Ok(body(&inside.drop_in))
     }
 }
@@ -125,7 +139,12 @@ impl Core {
             let observation = vec![0.0; drop_in.spaces().observation_len()];
             let action = vec![0.0; drop_in.spaces().action_len()];
             let inside = Mutex::new(Inside { drop_in, observation, action });
-            Ok(Self { inside, rules, has_reset_task: file.config.reset_task.is_some() })
+            Ok(Self {
+                inside,
+                process: std::process::id(),
+                rules,
+                has_reset_task: file.config.reset_task.is_some(),
+            })
         })
     }
 
@@ -136,7 +155,7 @@ impl Core {
         observation: PyReadonlyArray1<'_, f32>,
         mut action: PyReadwriteArray1<'_, f32>,
     ) -> PyResult<Verdict<'static>> {
-        let mut inside = self.inside.lock_py_attached(py).map_err(|_| failed("the shield panicked"))?;
+        let mut inside = self.lock(py)?;
         let inside: &mut Inside = &mut inside;
         copy("the observation", &observation, &mut inside.observation)?;
         copy("the action", &action, &mut inside.action)?;
@@ -215,7 +234,7 @@ impl Core {
         observation: &PyReadonlyArray1<'_, f32>,
         body: impl FnOnce(&mut DropIn, &[f32]) -> shield_api::Result<()> + Send,
     ) -> PyResult<()> {
-        let mut inside = self.inside.lock_py_attached(py).map_err(|_| failed("the shield panicked"))?;
+        let mut inside = self.lock(py)?;
         let inside: &mut Inside = &mut inside;
         copy("the observation", observation, &mut inside.observation)?;
         py.detach(|| body(&mut inside.drop_in, &inside.observation)).map_err(failed)

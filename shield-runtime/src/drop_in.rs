@@ -153,6 +153,9 @@ impl DropIn {
         let decision = self.shield.filter(observation, action);
         if is_forward {
             self.count(decision);
+        } else {
+            let has_failed = decision.abort().is_some_and(|abort| abort.cause.is_failure());
+            self.counters.failed_closed += u64::from(has_failed);
         }
         if self.shield.is_broken() {
             return Err(Error::failed(format!(

@@ -170,9 +170,12 @@ impl Shield {
                     Decision::Resetting
                 }
                 Ok(()) => Decision::Resetting,
-                Err(_) => self.ladder.refuse(Cause::ResetFailed, action),
+                Err(error) => self.ladder.fail(Cause::ResetFailed, &error, action),
             }
         };
+        if decision == Decision::Resetting {
+            self.ladder.why.clear();
+        }
         if decision.abort().is_some() && self.phase == Phase::Forward && !self.needs_hard_reset {
             self.begin_reset();
         }

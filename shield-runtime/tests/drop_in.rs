@@ -6,7 +6,7 @@ mod common;
 use common::{EPISODE, Rule, Scripted, spaces};
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
-use shield_api::{AbortRule, Error, ErrorKind, Phase, ResetSignal, RuleVerdict};
+use shield_api::{AbortRule, Error, ErrorKind, Phase, ResetSignal, RuleVerdict, Space, Spaces};
 use shield_runtime::{
     decision::{Cause, Decision},
     drop_in::{DropIn, Learning},
@@ -146,6 +146,63 @@ fn a_broken_rule_aborts_for_ever_without_a_word() {
     let error = drop_in.filter(&[0.0], &mut action).unwrap_err();
     assert!(error.message().contains("cannot decide any more"), "{error}");
     assert_eq!(action, [-1.0]);
+    // Whatever comes then, the cause stays.
+    assert!(drop_in.observe(&[0.0], signal(0.0), false).is_err() && drop_in.needs_hard_reset());
+    let error = drop_in.filter(&[0.0], &mut action).unwrap_err();
+    assert!(error.message().contains("the rule panicked"), "{error}");
+}
+
+#[test]
+fn a_reset_agent_that_fails_is_not_counted_or_has_no_words() {
+    let failing = Scripted::acting(|_, _| f32::NEG_INFINITY);
+    let mut drop_in = DropIn::new(builder(failing).build().unwrap(), None);
+    let mut cell = 0.0;
+    step(&mut drop_in, &mut cell, 0.5);
+    assert_eq!(drop_in.shield().reason(), "");
+    assert!(drop_in.begin_reset());
+    let mut action = [0.5];
+    let decision = drop_in.filter(&[cell], &mut action).unwrap();
+    assert_eq!((decision.abort().unwrap().cause, action), (Cause::ResetFailed, [0.0]));
+    assert_eq!(drop_in.shield().reason(), "no action today");
+    assert_eq!(metric(&drop_in, "failed_closed"), 1.0);
+}
+
+#[test]
+fn a_reason_outlives_its_action() {
+    let mut drop_in = DropIn::new(builder(Scripted::acting(|_, _| 0.25)).build().unwrap(), None);
+    let mut cell = 0.0;
+    step(&mut drop_in, &mut cell, 0.75);
+    assert_ne!(drop_in.shield().reason(), "");
+    assert_eq!(step(&mut drop_in, &mut cell, 0.75), Decision::Resetting);
+    assert_eq!(drop_in.shield().reason(), "");
+}
+
+#[test]
+fn the_file_of_another_shield_is_loaded_or_the_shield_goes_on_after_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("state");
+    let agent = || Scripted::acting(|_, _| -1.0);
+    DropIn::new(builder(agent()).build().unwrap(), None).save(&file).unwrap();
+    let load = |shield: ShieldBuilder, learning: Option<Learning>| {
+        let mut drop_in = DropIn::new(shield.build().unwrap(), None);
+        if let Some(learning) = learning {
+            drop_in = drop_in.learning(learning);
+        }
+        drop_in.hard_reset_done(&[0.0]).unwrap();
+        let loaded = drop_in.load(&file);
+        assert!(drop_in.needs_hard_reset());
+        loaded.map_err(|error| error.to_string())
+    };
+    assert_eq!(load(builder(agent()), None), Ok(()));
+    let two = load(builder(agent()).rule(moderate()), None).unwrap_err();
+    assert!(two.contains("the states of 1 rules; here there are 2"), "{two}");
+    let learning = learning(Updates::Both, Endings::default());
+    let learns = load(builder(agent()).learning(1, 0), Some(learning)).unwrap_err();
+    assert!(learns.contains("this shield has a memory"), "{learns}");
+    let spaces = Spaces { action: Space::Box { low: vec![-9.0], high: vec![9.0] }, ..spaces() };
+    let other = Shield::builder(spaces, Box::new(agent())).rule(moderate());
+    let other = load(other, None).unwrap_err();
+    assert!(other.contains("it belongs to other spaces"), "{other}");
 }
 
 /// What a text is refused for.

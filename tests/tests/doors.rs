@@ -67,15 +67,21 @@ const CARELESS: &str = r#"
 int main(int count, char **arguments) {
     float seen[2] = {0.0f, 0.0f}, action[2] = {0.5f, 0.5f};
     EXPECT(count == 2 && shield_open(NULL) == NULL && strlen(shield_last_error()) > 0)
-    EXPECT(shield_filter(NULL, seen, 1, action, 1) == SHIELD_FAILED)
+    EXPECT(shield_filter(NULL, seen, 1, action, 1) == SHIELD_FAILED && action[0] == 0.0f)
+    action[0] = 0.5f;
     EXPECT(shield_observe(NULL, seen, 1, 0) == SHIELD_FAILED && shield_is_resetting(NULL) == SHIELD_FAILED)
     shield_close(NULL);
     Shield *shield = shield_open(arguments[1]);
     EXPECT(shield && strlen(shield_last_error()) == 0)
-    EXPECT(shield_filter(shield, NULL, 1, action, 1) == SHIELD_FAILED)
+    EXPECT(shield_filter(shield, NULL, 1, action, 1) == SHIELD_FAILED && action[0] == 0.0f)
+    EXPECT(shield_is_resetting(shield) == 0 && strlen(shield_last_error()) == 0)
+    action[0] = 0.5f;
     EXPECT(shield_filter(shield, seen, 1, NULL, 1) == SHIELD_FAILED)
     EXPECT(shield_observe(shield, seen, 1, 0) == SHIELD_FAILED && shield_needs_hard_reset(shield) == 1)
     EXPECT(shield_hard_reset_done(shield, seen, 1) == SHIELD_DONE && shield_needs_hard_reset(shield) == 0)
+    EXPECT(shield_filter(shield, seen, 1, action, 1) == SHIELD_WARM_UP && action[0] == 0.5f)
+    EXPECT(shield_observe(shield, NULL, 1, 0) == SHIELD_FAILED && shield_needs_hard_reset(shield) == 1)
+    EXPECT(shield_hard_reset_done(shield, seen, 1) == SHIELD_DONE)
     EXPECT(shield_filter(shield, seen, 1, action, 1) == SHIELD_WARM_UP && action[0] == 0.5f)
     EXPECT(shield_observe_reset(shield, seen, 1, 1.0f, 1, 0) == SHIELD_FAILED)
     EXPECT(shield_hard_reset_done(shield, seen, 1) == SHIELD_DONE)

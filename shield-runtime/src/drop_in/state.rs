@@ -18,7 +18,7 @@ use crate::{
 };
 
 /// Tells the file from that of a run.
-const KIND: &str = "shield drop-in 1";
+const KIND: &str = "shield drop-in 2";
 
 /// Why a state cannot be kept or used.
 #[derive(Debug, thiserror::Error)]
@@ -42,8 +42,8 @@ pub enum StateError {
 #[derive(Serialize, Deserialize)]
 struct DropInState {
     kind: String,
-    observation_len: usize,
-    action_len: usize,
+    /// As they are printed: they are only compared.
+    spaces: String,
     counters: Counters,
     reset_successes: u64,
     shield: ShieldState,
@@ -77,8 +77,7 @@ impl DropIn {
         });
         let state = DropInState {
             kind: KIND.into(),
-            observation_len: self.observation.len(),
-            action_len: self.executed.len(),
+            spaces: format!("{:?}", self.spaces()),
             counters: self.counters,
             reset_successes: self.reset_successes,
             shield: self.shield.save().map_err(StateError::Plugin)?,
@@ -94,25 +93,35 @@ impl DropIn {
         Ok(write(&path, None, &state)?)
     }
 
-    /// Goes on from a file of a shield of the same configuration. Where the environment stands is not known: a hard reset is needed.
+    /// Goes on from a file of a shield with the same spaces, reset agent, rules and reset task; the settings of the rules may differ. Where the
+    /// environment stands is not known: a hard reset is needed.
     ///
     /// # Errors
-    /// The file cannot be read or is damaged, belongs to other spaces, or a plugin refuses its state; then a hard reset is needed too, and what was
+    /// The file cannot be read or is damaged, belongs to another shield, or a plugin refuses its state; then a hard reset is needed too, and what was
     /// learned may be half of each.
     pub fn load(&mut self, path: &Path) -> Result<(), StateError> {
+        self.require_hard_reset();
         let path = absolute(path)?;
         let state: DropInState = read(&path)?;
         let foreign = |what: String| StateError::Foreign { path: path.display().to_string(), what };
         if state.kind != KIND {
             return Err(foreign("it is not the state of a drop-in shield".into()));
         }
-        let (found, own) =
-            ((state.observation_len, state.action_len), (self.observation.len(), self.executed.len()));
-        if found != own {
+        let own = format!("{:?}", self.spaces());
+        if state.spaces != own {
             return Err(foreign(format!(
-                "it belongs to observations of {} and actions of {} numbers; here they have {} and {}",
-                found.0, found.1, own.0, own.1
+                "it belongs to other spaces: {}; here they are {own}",
+                state.spaces
             )));
+        }
+        for (name, is_there, is_here) in [
+            ("a reset task", state.task.is_some(), self.task.is_some()),
+            ("a memory", state.learned.is_some(), self.learning.is_some()),
+        ] {
+            if is_there != is_here {
+                let (with, without) = if is_there { ("it", "this shield") } else { ("this shield", "it") };
+                return Err(foreign(format!("{with} has {name}, and {without} has none")));
+            }
         }
         if let (Some(learning), Some(learned)) = (&self.learning, &state.learned) {
             let (experience, length) = (&learning.experience, learned.kept.end - learned.kept.start);

@@ -82,10 +82,23 @@ impl Ladder {
     /// An abort without anyone being asked; the buffer holds the fallback action.
     pub fn refuse(&mut self, cause: Cause, action: &mut [f32]) -> Decision {
         self.jury.begin(Phase::Forward);
-        self.why.clear();
-        self.why.append(cause);
+        // Why nothing can be decided any more matters more.
+        if !self.why.is_final {
+            self.why.clear();
+            self.why.append(match cause {
+                Cause::AwaitsHardReset => "a hard reset must come first",
+                _ => "the shield was not asked",
+            });
+        }
         write_safe(&self.settings.fallback_action, action);
         Decision::Abort(Abort::without_rule(cause))
+    }
+
+    /// An abort because the reset agent failed; the buffer holds the fallback action.
+    pub fn fail(&mut self, cause: Cause, error: &shield_api::Error, action: &mut [f32]) -> Decision {
+        self.jury.begin(Phase::Forward);
+        write_safe(&self.settings.fallback_action, action);
+        Decision::Abort(self.why.failed(cause, error))
     }
 
     /// Whether a plugin that the shield needs panicked, or a rule did not take note of a decision: from then on every decision would be an

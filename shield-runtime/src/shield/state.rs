@@ -1,7 +1,7 @@
 //! Keeping what a shield has learned and counted.
 
 use serde::{Deserialize, Serialize};
-use shield_api::{AbortRule, Result};
+use shield_api::{AbortRule, Error, Result};
 
 use super::{Ladder, Shield};
 use crate::{agent::AgentState, plugin::PluginState};
@@ -27,10 +27,10 @@ impl Shield {
 
     /// Goes on from what was saved, in a world whose state is not known: a hard reset is needed.
     pub(crate) fn restore(&mut self, state: &ShieldState) -> Result<()> {
+        self.require_hard_reset();
         self.reset_agent.restore(&state.agent)?;
         restore_rules(Some(&mut self.ladder), &state.rules)?;
         (self.steps, self.exploration_replaced) = (state.steps, state.exploration_replaced);
-        self.require_hard_reset();
         Ok(())
     }
 }
@@ -41,8 +41,14 @@ pub(crate) fn save_rules(shield: Option<&mut Ladder>) -> Result<Vec<PluginState>
     rules.map(|rule: &mut dyn AbortRule| PluginState::of(rule)).collect()
 }
 
-/// Gives rules their states.
+/// Gives rules their states. There must be one for each.
 pub(crate) fn restore_rules(shield: Option<&mut Ladder>, states: &[PluginState]) -> Result<()> {
-    let rules = shield.into_iter().flat_map(Ladder::rules);
-    rules.zip(states).try_for_each(|(rule, state)| state.restore(rule))
+    let mut rules: Vec<_> = shield.into_iter().flat_map(Ladder::rules).collect();
+    if rules.len() != states.len() {
+        let (found, own) = (states.len(), rules.len());
+        return Err(Error::invalid_argument(format!(
+            "it has the states of {found} rules; here there are {own}"
+        )));
+    }
+    rules.iter_mut().zip(states).try_for_each(|(rule, state)| state.restore(*rule))
 }
