@@ -124,11 +124,12 @@ const char *shield_reason(const Shield *shield);
 // `shield` is from `shield_open`, `file` a text that ends with 0.
 int32_t shield_save(Shield *shield, const char *file);
 
-// Goes on from a file of a shield with the same configuration; a hard reset is needed then.
+// Goes on from a file of a shield with the same spaces, reset agent, rules and reset task; a hard reset is needed then, also after a failure.
 //
 // # Safety
 // As for `shield_save`.
-int32_t shield_load(Shield *shield, const char *file);
+int32_t shield_load(Shield *shield,
+                    const char *file);
 
 // Why the last call of this thread has failed; empty if it has not. Valid until its next call.
 const char *shield_last_error(void);

@@ -212,7 +212,7 @@ pub unsafe extern "C" fn shield_save(shield: *mut Shield, file: *const c_char) -
     unsafe { with_file(shield, file, DropIn::save) }
 }
 
-/// Goes on from a file of a shield with the same configuration; a hard reset is needed then.
+/// Goes on from a file of a shield with the same spaces, reset agent, rules and reset task; a hard reset is needed then, also after a failure.
 ///
 /// # Safety
 /// As for `shield_save`.

@@ -202,7 +202,7 @@ fn the_file_of_another_shield_is_loaded_or_the_shield_goes_on_after_it() {
     let spaces = Spaces { action: Space::Box { low: vec![-9.0], high: vec![9.0] }, ..spaces() };
     let other = Shield::builder(spaces, Box::new(agent())).rule(moderate());
     let other = load(other, None).unwrap_err();
-    assert!(other.contains("it belongs to other spaces"), "{other}");
+    assert!(other.contains("spaces with other bounds"), "{other}");
 }
 
 /// What a text is refused for.

@@ -1,5 +1,7 @@
+import math
 import os
 import pathlib
+import re
 import signal
 import subprocess
 import sys
@@ -12,7 +14,7 @@ import numpy as np
 import pytest
 import shield
 from gymnasium import spaces
-from worlds import BELOW_HALF, near_start, table
+from worlds import BELOW_HALF, Table, near_start, table
 
 
 def act(value):
@@ -69,10 +71,99 @@ def test_a_policy_that_raises_lets_an_action_through():
     assert env.unwrapped.executed == []
 
 
+@pytest.mark.parametrize("during", ["reset", "step", "undo"])
+def test_an_environment_without_info_is_stepped_on(during):
+    class Silent(Table):
+        is_silent = during == "reset"
+
+        def reset(self, **arguments):
+            observation, info = super().reset(**arguments)
+            return observation, None if self.is_silent else info
+
+        def step(self, action):
+            *others, info = super().step(action)
+            return *others, None if self.is_silent else info
+
+    env = shield.ShieldedEnv(Silent(), in_reset_set=near_start, overrides=BELOW_HALF)
+    if during != "reset":
+        env.reset()
+        env.step(act(0.1))
+        env.unwrapped.is_silent = True
+    with pytest.raises(TypeError):
+        env.step(act(0.2)) if during == "step" else env.reset()
+    executed = list(env.unwrapped.executed)
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        env.step(act(0.3))
+    assert env.unwrapped.executed == executed, "something was executed after it"
+    env.unwrapped.is_silent = False
+    assert env.reset()[1]["shield"] == {"hard_reset": True, "steps": 0}
+    env.step(act(0.3))
+
+
+class Once:
+    """A function that raises when it is called for the nth time."""
+
+    def __init__(self, nth, error=Broken):
+        self.left, self.error = nth, error
+
+    def __call__(self, _):
+        self.left -= 1
+        if self.left == 0:
+            raise self.error
+        return True
+
+
+@pytest.mark.parametrize(
+    ("seen", "in_reset_set", "error"),
+    [
+        ([0.0, 1.0], near_start, ValueError),
+        (["a"], near_start, ValueError),
+        ([math.nan], near_start, shield.ShieldError),
+        ([0.0], Once(1), Broken),
+        ([0.0], Once(1, KeyboardInterrupt), KeyboardInterrupt),
+        ([0.0], lambda _: "no", TypeError),
+    ],
+)
+def test_an_action_is_executed_after_one_whose_outcome_is_not_known(seen, in_reset_set, error):
+    guard = shield.Shield(spaces.Box(-9, 9, (1,)), spaces.Box(-1, 1, (1,)), in_reset_set=in_reset_set)
+    assert guard.filter([0.0], act(0.1)).verdict == "warm_up"
+    with pytest.raises(error):
+        guard.observe(seen)
+    assert guard.needs_hard_reset and not guard.resetting
+    refused = guard.filter([0.0], act(0.1))
+    assert (refused.verdict, refused.cause, refused.action.tolist()) == ("abort", "awaits_hard_reset", [0.0])
+
+
+def test_a_hard_reset_that_fails_lets_an_action_through():
+    guard = shield.Shield(spaces.Box(-9, 9, (1,)), spaces.Box(-1, 1, (1,)), in_reset_set=Once(2))
+    guard.hard_reset_done([0.0])
+    with pytest.raises(Broken):
+        guard.hard_reset_done([0.0])
+    assert guard.needs_hard_reset and not guard.filter([0.0], act(0.1)).allowed
+    guard.hard_reset_done([0.0])
+    assert guard.filter([0.0], act(0.1)).allowed
+
+
+@pytest.mark.parametrize("reward", [None, 0.5])
+@pytest.mark.parametrize("answer", [float("nan"), "no", None, 1, [True], np.array([True, True]), np.float64(1.0)])
+def test_what_is_no_bool_says_whether_it_is_reset(answer, reward):
+    reset_reward = None if reward is None else lambda _: reward
+    env = shield.ShieldedEnv(table(), reset_reward, in_reset_set=lambda _: answer, overrides=BELOW_HALF)
+    with pytest.raises(TypeError, match=f"in_reset_set gave {re.escape(repr(answer))}, not a bool"):
+        env.reset()
+
+
+@pytest.mark.parametrize("answer", [True, np.bool_(False), np.array(True), np.zeros(1)[0] < 1.0])
+def test_a_bool_of_numpys_is_refused(answer):
+    shield.ShieldedEnv(table(), in_reset_set=lambda _: answer, overrides=BELOW_HALF).reset()
+
+
 @pytest.mark.parametrize(
     ("given", "error"),
     [
         (lambda _: "far", "reset_reward gave 'far', not a number"),
+        (lambda _: "0.5", "reset_reward gave '0.5', not a number"),
+        (lambda _: b"0.5", "reset_reward gave b'0.5', not a number"),
         (lambda _: None, "reset_reward gave None"),
         (lambda _: float("nan"), "not finite"),
     ],
@@ -112,6 +203,74 @@ def test_an_observation_of_the_wrong_shape_names_only_one_of_them():
     )
     with pytest.raises(ValueError, match=r"shape \(3,\) and dtype float64.*shape \(2,\) and dtype float32"):
         guard.filter(np.zeros(3), act(0.1))
+
+
+@pytest.mark.parametrize("action", [[2.7], np.array([2.0]), np.array([2.0], np.float32)])
+def test_a_fraction_is_rounded_to_a_whole_number(action):
+    whole = spaces.Box(0, 5, (1,), np.int32)
+    guard = shield.Shield(spaces.Box(-1, 1, (1,)), whole, in_reset_set=near_start)
+    with pytest.raises(ValueError, match=rf"dtype {np.asarray(action).dtype}.* dtype int32"):
+        guard.filter([0.0], action)
+
+
+PARTS = spaces.Dict(a=spaces.Box(-9, 9, (2,)), b=spaces.Box(-9, 9, (3,)))
+PAIR = spaces.Tuple([spaces.Discrete(4), spaces.Dict(c=spaces.MultiDiscrete([2, 3]))])
+WHOLE = spaces.Dict(a=spaces.Box(0, 9, (1,), np.int32))
+
+
+@pytest.mark.parametrize(
+    ("space", "value", "says"),
+    [
+        (PARTS, {"a": [1, 2, 3], "b": [4, 5]}, r"the observation\['a'\] has shape \(3,\).* wants shape \(2,\)"),
+        (PARTS, {"a": [1, 2], "b": "123"}, r"the observation\['b'\] has shape \(\) and dtype <U3"),
+        (PARTS, {"a": [1, 2], "b": [3, 4, 5], "c": 6}, "the observation is .*'c'"),
+        (PARTS, {"a": [1, 2]}, "the observation is "),
+        (PARTS, [1, 2, 3, 4, 5], "the observation is "),
+        (PARTS, None, "the observation is None"),
+        (PAIR, (-1, {"c": [0, 0]}), r"the observation\[0\] is -1"),
+        (PAIR, (1.0, {"c": [0, 0]}), r"the observation\[0\] is 1.0"),
+        (PAIR, (1, {"c": [0, 3]}), r"the observation\[1\]\['c'\] is \[0, 3\]"),
+        (PAIR, (1, {"c": np.array(["0", "1"])}), r"the observation\[1\]\['c'\] is "),
+        (PAIR, (1, {"c": [0, 0]}, 2), "the observation is "),
+        (PAIR, np.array(1), "the observation is "),
+        (spaces.Discrete(4), -1, "the observation is -1"),
+        (spaces.Discrete(4), 4, "the observation is 4"),
+        (spaces.MultiBinary(2), np.array([0, 2]), "the observation is "),
+        (spaces.MultiBinary(2), np.array(["0", "1"]), "the observation is "),
+        (spaces.Text(3), "toolong", "the observation is 'toolong'"),
+    ],
+)
+def test_what_is_not_of_the_observation_space_is_judged(space, value, says):
+    guard = shield.Shield(space, spaces.Box(-1, 1, (1,)), in_reset_set=near_start)
+    with pytest.raises(ValueError, match=says):
+        guard.filter(value, act(0.1))
+    assert guard.filter(space.sample(), act(0.1)).allowed
+
+
+def test_a_nested_nan_becomes_a_whole_number():
+    guard = shield.Shield(WHOLE, spaces.Box(-1, 1, (1,)), in_reset_set=lambda _: True)
+    guard.hard_reset_done({"a": [1]})
+    assert not guard.filter({"a": [math.nan]}, act(0.1)).allowed
+
+
+@pytest.mark.parametrize(
+    "space",
+    [
+        PARTS,
+        PAIR,
+        WHOLE,
+        spaces.Tuple([spaces.Box(-1, 1, (2, 2)), spaces.MultiBinary([2, 2]), spaces.Discrete(3, start=-1)]),
+        spaces.OneOf([spaces.Discrete(2), spaces.Box(-1, 1, (2,))]),
+        spaces.Text(4),
+    ],
+)
+def test_an_observation_is_flattened_in_another_order_than_gymnasiums(space):
+    guard = shield.Shield(space, spaces.Box(-1, 1, (1,)), in_reset_set=near_start)
+    space.seed(0)
+    for _ in range(5):
+        sample = space.sample()
+        guard.filter(sample, act(0.1))
+        assert guard._seen.tolist() == spaces.flatten(space, sample).astype(np.float32).tolist()
 
 
 @pytest.mark.parametrize(
@@ -195,3 +354,17 @@ def test_ctrl_c_does_not_end_a_training_or_leaves_the_shield_open():
     finally:
         child.kill()
     assert (rest, child.returncode) == ("stopped\n", 0)
+
+
+def test_a_forked_process_uses_the_shield_of_its_parent():
+    guard = shield.Shield(spaces.Box(-9, 9, (1,)), spaces.Box(-1, 1, (1,)), in_reset_set=lambda _: True, threads=2)
+    guard.filter([0.0], act(0.1))
+    child = os.fork()
+    if child == 0:
+        try:
+            guard.filter([0.0], act(0.1))
+        except shield.ShieldError as error:
+            os._exit(7 if "another process" in str(error) else 1)
+        os._exit(1)
+    assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 7
+    assert guard.filter([0.0], act(0.1)).allowed

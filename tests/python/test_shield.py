@@ -2,6 +2,7 @@ import threading
 import time
 
 import numpy as np
+import pytest
 import shield
 from gymnasium import spaces
 from worlds import BELOW_HALF, near_start
@@ -38,6 +39,31 @@ def test_nothing_tells_that_the_reset_agent_has_given_up():
     guard.hard_reset_done(start)
     assert guard.filter(start, np.array([0.25], np.float32)).allowed
     assert guard.metrics()["hard_resets"] == 1
+
+
+RULE = '[(plugin: "ensemble-threshold", config: ({}))]'
+RISING = "q_min: -9.0, schedule: Linear, final_q_min: Some(-9.0), schedule_steps: 1"
+
+
+@pytest.mark.parametrize("rule", ["q_min: -9.0", RISING, "q_min: -9.0 /* schedule: Linear */"])
+@pytest.mark.parametrize("is_file", [True, False])
+def test_q_min_is_only_where_a_schedule_begins(rule, is_file, tmp_path):
+    rules = RULE.format(rule)
+    if is_file:
+        usual, begin = shield.usual_config(False), "rules: ["
+        place = usual.index(begin)
+        text = usual[:place] + f"rules: {rules}" + usual[usual.index("))],", place) + 3 :]
+        (tmp_path / "shield.ron").write_text(text)
+        arguments = {"config": tmp_path / "shield.ron"}
+    else:
+        arguments = {"overrides": {"shield.rules": rules}}
+    for q_min, verdicts in ((-9.0, {"allow"}), (1e6, {"abort", "resetting"})):
+        guard = shield.Shield(*SPACES, in_reset_set=near_start, q_min=q_min, warm_up_steps=2, **arguments)
+        for _ in range(4):
+            verdict = guard.filter(np.zeros(1), np.zeros(1, np.float32)).verdict
+            guard.observe(np.zeros(1))
+            if guard.metrics()["steps"] > 2:
+                assert verdict in verdicts
 
 
 def test_the_interpreter_is_held_while_the_ensemble_learns():

@@ -1,3 +1,4 @@
+import inspect
 import math
 import pickle
 
@@ -7,7 +8,7 @@ import pytest
 import shield
 from gymnasium import spaces
 from gymnasium.utils.env_checker import check_env
-from worlds import BELOW_HALF, Table, near_start, table
+from worlds import BELOW_HALF, Ending, Table, near_start, table
 
 
 def act(value):
@@ -96,7 +97,7 @@ def test_hard_resets_come_too_early_or_are_not_counted():
     assert (counted["hard_resets"], counted["hard_reset_cost"], never.unwrapped.resets) == (1, 1, 2)
 
 
-@pytest.mark.parametrize("arguments", [{"seed": 3}, {"options": {"where": "left"}}])
+@pytest.mark.parametrize("arguments", [{"seed": 3}, {"options": {"where": "left"}}, {"options": {}}])
 def test_a_seed_or_options_are_left_to_the_reset_agent(arguments):
     env = shielded()
     env.reset()
@@ -115,17 +116,28 @@ def test_a_terminated_environment_is_stepped_or_undone():
     assert env.reset()[1]["shield"] == {"hard_reset": True, "steps": 0}
 
 
-def test_an_environment_that_truncates_itself_is_stepped_on():
-    class Ending(Table):
-        def step(self, action):
-            observation, reward, terminated, _, info = super().step(action)
-            return observation, reward, terminated, len(self.executed) % 3 == 0, info
-
-    env = shielded(Ending())
+@pytest.mark.parametrize("limit", [None, 1, 4, 5, 6])
+def test_an_environment_that_truncates_itself_is_stepped_on(limit):
+    env = Ending(5)
+    for each in filter(None, (limit, limit and limit + 2)):
+        env = gymnasium.wrappers.TimeLimit(env, each)
+    # The reset agent never arrives, so that it goes on beyond the limit.
+    env = shielded(env, in_reset_set=lambda _: False, episode_length=100)
     env.reset()
+    steps = 1
     while not env.step(act(0.1))[3]:
-        pass
-    assert env.reset()[1]["shield"] == {"hard_reset": True, "steps": 0}
+        steps += 1
+    assert steps == min(limit or 5, 5)
+    assert env.reset()[1]["shield"] == {"hard_reset": True, "steps": 5 - steps}
+    assert (env.unwrapped.resets, env.metrics()["hard_resets"]) == (2, 1)
+
+
+def test_the_clock_goes_on_where_an_episode_ended():
+    env = shielded(table(limit=4))
+    env.reset()
+    for reset in ({}, {"seed": 1}, {}):
+        assert [env.step(act(0.1))[3] for _ in range(4)] == [False, False, False, True]
+        assert env.reset(**reset)[1]["shield"]["hard_reset"] == bool(reset)
 
 
 def test_a_step_before_any_reset_is_made():
@@ -141,6 +153,33 @@ def test_an_impossible_action_is_executed_in_the_warm_up(value):
     said = env.step(act(value))[4]["shield"]
     assert (said["verdict"], said["cause"], said["rule"]) == ("abort", "invalid_action", "")
     assert env.unwrapped.executed == [0.75]
+
+
+@pytest.mark.parametrize(
+    ("space", "action", "executed"),
+    [
+        (spaces.Box(-1, 1, (1,), np.float32), np.nextafter(1.0, 2), 1.0),
+        (spaces.Box(-1, 1, (1,), np.float32), 0.3, np.float32(0.3)),
+        (spaces.Box(-1, 1, (1,), np.float32), 1, 1.0),
+        (spaces.Box(-1, 1, (1,), np.float16), 0.3, np.float16(0.3)),
+        (spaces.Box(-1, 1, (1,), np.float64), 0.3, 0.3),
+        (spaces.Box(-1, 1, (1,), np.float64), np.nextafter(1.0, 2), None),
+        (spaces.Box(-1, 1, (1,), np.float64), np.nextafter(-1.0, -2), None),
+        (spaces.Box(0, 5, (1,), np.uint8), 3, 3),
+        (spaces.Box(0, 5, (1,), np.uint8), 256, None),
+        (spaces.Box(-(2**31), 2**31 - 1, (1,), np.int32), 2**31, None),
+    ],
+)
+def test_another_action_is_executed_than_was_judged(space, action, executed):
+    guard = shield.Shield(spaces.Box(-1, 1, (1,)), space, in_reset_set=near_start, warm_up_steps=9)
+    for given in ([action], np.array([action])):
+        guard.hard_reset_done(np.zeros(1))
+        decision = guard.filter(np.zeros(1), given)
+        assert decision.proposed is given and decision.action.dtype == space.dtype
+        if executed is None:
+            assert (decision.verdict, decision.cause) == ("abort", "invalid_action") and "outside" in decision.reason
+        else:
+            assert decision.verdict == "warm_up" and decision.action.tolist() == [executed]
 
 
 def test_a_projected_action_is_not_the_one_that_is_executed():
@@ -165,6 +204,24 @@ def test_choices_are_shifted_or_of_another_type():
     assert set(env.unwrapped.executed) <= {-1, 0, 1}
 
 
+def test_a_choice_without_room_for_one_less_cannot_be_shielded():
+    class Few(Table):
+        def __init__(self):
+            super().__init__(chosen=True)
+            self.action_space = spaces.Discrete(3, dtype=np.uint8)
+
+    env = shielded(Few(), overrides={"shield.warm_up_steps": 9})
+    env.reset()
+    assert env.step(np.uint8(2))[4]["shield"]["executed"] == 2
+    said = env.step(np.uint8(3))[4]["shield"]
+    assert (said["executed"], said["cause"], env.unwrapped.executed) == (-1, "invalid_action", [2])
+
+
+def test_an_impossible_choice_is_explained_with_other_numbers():
+    guard = shield.Shield(spaces.Box(-1, 1, (1,)), spaces.Discrete(3, start=3), in_reset_set=near_start)
+    assert guard.filter(np.zeros(1), 6).reason == "action 6 is not one of 3 to 5"
+
+
 def test_a_nested_observation_is_mixed_up():
     env = shielded(table(observed="dict"), in_reset_set=lambda seen: near_start(seen["position"]))
     observation, _ = env.reset(seed=0)
@@ -179,6 +236,15 @@ def test_a_policy_is_not_asked_or_goes_unshielded():
     returns = env.run(lambda observation: act(0.75 if observation[0] > 0.2 else 0.5), 50, seed=0)
     assert len(returns) > 1 and max(env.unwrapped.executed) <= 1.0
     assert env.metrics()["early_aborts"] > 0
+
+
+def test_a_policy_acts_after_its_last_step():
+    env = shielded(table(limit=5))
+    returns = env.run(lambda _: act(0.1), 10, seed=0)
+    assert len(returns) == 2 and env.metrics()["forward_steps"] == 10
+    assert env.metrics()["reset_episodes"] == 1, "the reset agent acted after the last step"
+    assert len(env.run(lambda _: act(0.1), 7)) == 2
+    assert env.run(lambda _: act(0.1), 0) == []
 
 
 def test_a_vector_of_environments_chokes_on_the_report():
@@ -224,6 +290,13 @@ def test_nothing_is_written_for_tensorboard(tmp_path):
     events = EventAccumulator(str(tmp_path / "tensorboard"))
     events.Reload()
     assert [event.value for event in events.Scalars("counts/early_aborts")][-1] == 3.0
+
+
+def test_an_argument_is_explained_nowhere():
+    for name in list(inspect.signature(shield.Shield).parameters)[2:]:
+        assert f"`{name}" in shield.Shield.__doc__, name
+    for method in (shield.ShieldedEnv.step, shield.ShieldedEnv.reset):
+        assert "shield" in (method.__doc__ or ""), method
 
 
 def test_the_same_seed_is_another_run():

@@ -47,6 +47,24 @@ class Table(gymnasium.Env):
         return {"position": position, "is_down": int(self.position >= EDGE)}
 
 
+class Ending(Table):
+    """Truncates itself after so many steps of its own."""
+
+    def __init__(self, length):
+        super().__init__()
+        self.length, self.steps = length, 0
+
+    def reset(self, *, seed=None, options=None):
+        self.steps = 0
+        return super().reset(seed=seed, options=options)
+
+    def step(self, action):
+        assert self.steps < self.length, "it was stepped on"
+        self.steps += 1
+        observation, reward, terminated, _, info = super().step(action)
+        return observation, reward, terminated, self.steps >= self.length, info
+
+
 def near_start(observation):
     return bool(abs(float(observation[0])) < 0.3)
 

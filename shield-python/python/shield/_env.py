@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Callable, Mapping
 from typing import Any, SupportsFloat
@@ -17,13 +18,16 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 
     A step whose action is aborted is not executed: the observation is as before, the reward is `abort_reward`, `truncated` is True. The next `reset()` lets
     the reset agent undo what was done; the environment itself is reset only when that fails `reset_attempts` times in a row, when it has
-    terminated, or when `reset` is given a seed or options. Nothing is aborted in the first `warm_up_steps`.
+    terminated or truncated itself, or when `reset` is given a seed or options. Nothing is aborted in the first `warm_up_steps`.
+
+    The clocks of `TimeLimit`s inside are stopped; the wrapper counts in their place, and begins anew with each reset.
 
     `info["shield"]` of a step has the keys `verdict`, `proposed`, `executed`, `reset_value`, `rule`, `cause` and `reason`, as in `Decision`; of an aborted
     step `executed` is NaN, or for a Discrete action space one less than its first action. `info["shield"]` of a reset has `hard_reset` and `steps`, those of the
     reset agent.
 
-    The other arguments are those of `Shield`; `episode_length` is the time limit of the environment if it has one and nothing else is said.
+    The other arguments are those of `Shield`, where each is explained; `episode_length` is the time limit of the environment if it has one and there is no
+    `config`.
     """
 
     def __init__(
@@ -61,18 +65,25 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         RecordConstructorArgs.__init__(self, _disable_deepcopy=True, abort_reward=abort_reward, **settings)
         gymnasium.Wrapper.__init__(self, env)
         self._time_limits = time_limits(env)
+        self._limit = min((limit._max_episode_steps for limit in self._time_limits), default=math.inf)
         if episode_length is None and config is None and self._time_limits:
-            settings["episode_length"] = min(limit._max_episode_steps for limit in self._time_limits)
+            settings["episode_length"] = self._limit
         self.abort_reward = float(abort_reward)
         #: The shield itself.
         self.shield = Shield(env.observation_space, env.action_space, **settings)
         self._nothing = self.shield._actions.nothing()
         self._observation: Any = None
+        self._elapsed = 0
         self._is_placed = False
         # Whether something was interrupted between an action and what it led to.
         self._is_lost = False
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
+        """Executes the action, as proposed or altered, if the shield allows it; `info["shield"]` says what it decided.
+
+        Where it is aborted, nothing is executed: the observation is as before, the reward is `abort_reward`, `truncated` is True. Raises `ResetNeeded` where
+        `reset()` must come first, and ValueError if the action's shape or dtype is wrong; nothing is executed then either.
+        """
         shield = self.shield
         if not self._is_placed or self._is_lost or shield.resetting or shield.needs_hard_reset:
             raise gymnasium.error.ResetNeeded(self._why_not())
@@ -80,36 +91,47 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         if not decision.allowed:
             return self._observation, self.abort_reward, False, True, {"shield": report(decision, self._nothing)}
         observation, reward, terminated, truncated, info = self._execute(decision.action)
+        self._elapsed += 1
         info["shield"] = report(decision, decision.action)
-        return observation, reward, terminated, truncated, info
+        return observation, reward, terminated, truncated or self._elapsed >= self._limit, info
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
+        """Lets the reset agent act until the environment is as at its start; only if that fails, the environment itself is reset.
+
+        It is reset at once if it is given a seed or options, even empty ones, if it has ended, or if a step was interrupted. `info["shield"]` says which it
+        was, and how many steps the reset agent made.
+        """
         steps = 0
-        if self._is_placed and not self._is_lost and seed is None and not options:
+        if self._is_placed and not self._is_lost and seed is None and options is None:
             steps = self._undo()
             if not self.shield.needs_hard_reset:
-                for limit in self._time_limits:
-                    limit._elapsed_steps = 0
+                self._elapsed = 0
                 return self._observation, {"shield": {"hard_reset": False, "steps": steps}}
         self._is_lost = True
         observation, info = self.env.reset(seed=seed, options=options)
         self.shield.hard_reset_done(observation)
+        info = {**info, "shield": {"hard_reset": True, "steps": steps}}
+        for limit in self._time_limits:
+            # It never ends an episode, so that a truncation is always the environment's own.
+            limit._elapsed_steps = -math.inf
+        self._elapsed = 0
         self._observation, self._is_placed, self._is_lost = observation, True, False
-        info["shield"] = {"hard_reset": True, "steps": steps}
         return observation, info
 
     def run(self, policy: Callable[[Any], Any], steps: int, *, seed: int | None = None) -> list[float]:
-        """Lets a finished policy, a function from observation to action, act for so many steps. Returns the return of each episode."""
-        observation, _ = self.reset(seed=seed)
-        returns = [0.0]
+        """Lets a finished policy, a function from observation to action, act for so many steps. Returns the return of each episode; the last may
+        be cut short."""
+        returns: list[float] = []
+        is_over = True
         for _ in range(steps):
+            if is_over:
+                observation, _ = self.reset(seed=None if returns else seed)
+                returns.append(0.0)
             observation, reward, terminated, truncated, _ = self.step(policy(observation))
             returns[-1] += float(reward)
-            if terminated or truncated:
-                observation, _ = self.reset()
-                returns.append(0.0)
+            is_over = terminated or truncated
         return returns
 
     def metrics(self) -> dict[str, float]:
@@ -121,7 +143,7 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         self.shield.save(path)
 
     def load(self, path: str | os.PathLike[str]) -> None:
-        """Goes on from a file of a shield with the same configuration. The next `reset` is the environment's own."""
+        """Goes on from a file, as `Shield.load`. The next `reset` is the environment's own."""
         self.shield.load(path)
 
     def _execute(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
@@ -129,7 +151,8 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         self._is_lost = True
         observation, reward, terminated, truncated, info = self.env.step(action)
         self.shield.observe(observation, terminated=bool(terminated))
-        if truncated and not self._is_out_of_time():
+        truncated, info = bool(truncated), dict(info)
+        if truncated:
             # It has ended its episode by itself, and does not promise to go on from here.
             self.shield.require_hard_reset()
         self._observation, self._is_lost = observation, False
@@ -143,9 +166,6 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             self._execute(shield._reset_action())
             steps += 1
         return steps
-
-    def _is_out_of_time(self) -> bool:
-        return any(limit._elapsed_steps >= limit._max_episode_steps for limit in self._time_limits)
 
     def _why_not(self) -> str:
         if not self._is_placed:
@@ -170,7 +190,7 @@ def report(decision: Decision, executed: Any) -> dict[str, Any]:
 
 
 def time_limits(env: gymnasium.Env[Any, Any]) -> list[Any]:
-    """The wrappers inside that end episodes by the clock: a reset agent goes on from there, and sets it back."""
+    """The wrappers inside that end episodes by the clock: a reset agent goes on from there."""
     found = []
     while isinstance(env, gymnasium.Wrapper):
         if isinstance(env, gymnasium.wrappers.TimeLimit):

@@ -17,17 +17,18 @@ PATHS = {
 
 
 def overrides(
-    settings: Mapping[str, Any], q_min: float | None, further: Mapping[str, Any], is_usual: bool
+    settings: Mapping[str, Any], q_min: float | None, further: Mapping[str, Any], has_schedule: bool
 ) -> list[tuple[str, str, str]]:
     """Path, RON value, and what the user wrote. An argument that is None was not given.
 
-    In the usual configuration Q_min grows from 0; `q_min` is where it ends.
+    Where Q_min has a schedule, as in the usual configuration, `q_min` is where it ends.
     """
     given = [(PATHS[name], ron(value), name, value) for name, value in settings.items() if value is not None]
-    if q_min is not None:
-        field, value = ("final_q_min", f"Some({ron(q_min)})") if is_usual else ("q_min", ron(q_min))
-        given.append((f"shield.rules[0].config.{field}", value, "q_min", q_min))
     given += [(path, ron(value), f"overrides[{path!r}]", value) for path, value in further.items()]
+    if q_min is not None:
+        # Last, for an override may have put another rule there.
+        field, value = ("final_q_min", f"Some({ron(q_min)})") if has_schedule else ("q_min", ron(q_min))
+        given.append((f"shield.rules[0].config.{field}", value, "q_min", q_min))
     return [(path, value, f"{name}={written!r}") for path, value, name, written in given]
 
 

@@ -11,12 +11,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from gymnasium import spaces
 
-from ._core import Core
+from ._core import ConfigError, Core
 from ._settings import overrides as as_overrides
 from ._spaces import Floats, Observations, actions
 
 #: With a reset reward alone, a state that is worth more than this is in the reset set (the paper, appendix C).
 RESET_SET_ABOVE = 0.7
+
+# So the rule refuses an end of a schedule that it does not have.
+_NO_SCHEDULE = "have no effect with `schedule: Constant`"
 
 _PLUGINS = pathlib.Path(__file__).parent / "plugins"
 
@@ -27,7 +30,7 @@ class Decision(NamedTuple):
     #: `allow`, `warm_up` (nothing is aborted yet), `project` (altered so that every rule allows it), `abort` (the reset agent takes
     #: over), or `resetting` (the reset agent is in charge, nobody was asked).
     verdict: str
-    #: What may be executed, whatever the verdict.
+    #: What may be executed, whatever the verdict; of a box, in the space's dtype.
     action: Any
     #: What was proposed.
     proposed: Any
@@ -52,8 +55,21 @@ class Shield:
     Each step: `filter` the proposed action, execute `decision.action`, `observe` where it led. After an abort the reset agent is in charge (`resetting`),
     and `filter` gives its actions, until its episode is over. Where `needs_hard_reset`, nothing may move before `hard_reset_done`.
 
-    `reset_reward(observation)` is large, up to 1, where the environment is as at its start; `in_reset_set(observation)` says whether it is. One is enough, and
-    without either the reset task of the configuration decides: nearness to the observed starts.
+    The arguments; None leaves what the configuration says:
+
+    - `reset_reward(observation)` is large, up to 1, where the environment is as at its start; `in_reset_set(observation)` says, as a bool, whether it is. One is
+      enough, and without either the reset task of the configuration decides: nearness to the observed starts.
+    - `config`: a RON file; without one, `usual_config(is_discrete)`.
+    - `tensorboard`: a folder for an event file with counts and the reset agent's figures.
+    - `q_min`: the least value at which an action is executed, of the first rule, in the rule's terms; where the rule has a schedule, what it grows to. Usually
+      0.5, as a share of 1/(1 − γ), after 6,000 steps.
+    - `warm_up_steps`: in the first so many steps (1,000) no rule aborts.
+    - `reset_attempts`: failures in a row (1) after which the reset agent gives up; "Unlimited" is never.
+    - `episode_length`: steps (500) after which an episode of the reset agent has failed.
+    - `updates_per_step`: how often the reset agent learns after each step; 0 is never.
+    - `seed`: of the shield's random numbers (0).
+    - `threads`: how many the shield may use (1); what it decides does not depend on it.
+    - `overrides`: any other field of the configuration by its path, as `{"reset.config.critics": 10}`; a string is RON.
     """
 
     def __init__(
@@ -85,14 +101,23 @@ class Shield:
         for name, function in (("reset_reward", reset_reward), ("in_reset_set", in_reset_set)):
             if function is not None and not callable(function):
                 raise TypeError(f"{name} is {function!r}, not a function of an observation")
-        sets = as_overrides(settings, q_min, overrides or {}, config is None)
         self._reset_reward, self._in_reset_set = reset_reward, in_reset_set
         self._is_told = reset_reward is not None or in_reset_set is not None
-        if self._is_told:
-            sets.insert(0, ("reset_task", "None", "reset_reward and in_reset_set"))
         self._observations, self._actions = Observations(observation_space), actions(action_space)
         low, high = self._observations.low.tolist(), self._observations.high.tolist()
-        self._core = Core((low, high), self._actions.form, config, sets, _PLUGINS, tensorboard)
+
+        def core(has_schedule: bool) -> Core:
+            sets = as_overrides(settings, q_min, overrides or {}, has_schedule)
+            if self._is_told:
+                sets.insert(0, ("reset_task", "None", "reset_reward and in_reset_set"))
+            return Core((low, high), self._actions.form, config, sets, _PLUGINS, tensorboard)
+
+        try:
+            self._core = core(has_schedule=True)
+        except ConfigError as error:
+            if q_min is None or _NO_SCHEDULE not in str(error):
+                raise
+            self._core = core(has_schedule=False)
         if not self._is_told and not self._core.has_reset_task:
             raise ValueError(
                 'nothing says what "reset" means: give reset_reward or in_reset_set, or name a `reset_task` in the'
@@ -102,18 +127,20 @@ class Shield:
         self._buffer: Floats = np.zeros(self._actions.length, np.float32)
 
     def filter(self, observation: Any, action: Any) -> Decision:
-        """Decides on an action; it must be one of the action space, else it is aborted (outside) or refused (wrong shape or dtype)."""
+        """Decides on an action; it must be one of the action space, else it is aborted (outside) or refused (ValueError: wrong shape or dtype)."""
         self._observations.write(observation, self._seen)
         return self._decide(action)
 
     def _decide(self, action: Any) -> Decision:
         """As `filter`, of the observation that was reported last."""
-        self._actions.read(action, self._buffer)
+        proposed = self._actions.read(action, self._buffer)
         verdict, reset_value, rule, cause, reason = self._core.filter(self._seen, self._buffer)
+        if cause == "invalid_action":
+            reason = self._actions.explained(reason, action)
         is_unchanged = verdict == "allow" or verdict == "warm_up"
         return Decision(
             verdict,
-            action if is_unchanged else self._actions.write(self._buffer),
+            proposed if is_unchanged else self._actions.write(self._buffer),
             action,
             None if math.isnan(reset_value) else reset_value,
             self._core.rules[rule] if rule >= 0 else "",
@@ -128,12 +155,20 @@ class Shield:
         return self._actions.write(self._buffer)
 
     def observe(self, observation: Any, *, terminated: bool = False) -> None:
-        """`decision.action` was executed and led here. `terminated`: the environment cannot go on, a hard reset is needed."""
-        self._observations.write(observation, self._seen)
-        self._core.observe(self._seen, self._signal(observation), terminated)
+        """`decision.action` was executed and led here. `terminated`: the environment cannot go on, a hard reset is needed.
+
+        If it raises, a hard reset is needed as well: what was executed is not in the experience.
+        """
+        try:
+            self._observations.write(observation, self._seen)
+            self._core.observe(self._seen, self._signal(observation), terminated)
+        except BaseException:
+            self._core.require_hard_reset()
+            raise
 
     def hard_reset_done(self, observation: Any) -> None:
-        """Everything is at its start, by a person's or the environment's doing."""
+        """Everything is at its start, by a person's or the environment's doing. If it raises, a hard reset is still needed."""
+        self._core.require_hard_reset()
         self._observations.write(observation, self._seen)
         # What says what "reset" means fails here rather than after an action.
         self._signal(observation)
@@ -143,19 +178,32 @@ class Shield:
         if not self._is_told:
             return None
         if self._reset_reward is None:
-            assert self._in_reset_set is not None
-            is_reset = bool(self._in_reset_set(observation))
+            is_reset = self._is_reset(observation)
             return float(is_reset), is_reset
         reward = self._reset_reward(observation)
         try:
-            reward = float(reward)
+            # Unlike `float`, it reads no text.
+            is_finite = math.isfinite(reward)
         except (TypeError, ValueError) as error:
             raise TypeError(f"reset_reward gave {reward!r}, not a number") from error
-        if not math.isfinite(reward):
+        if not is_finite:
             raise ValueError(f"reset_reward gave {reward}, which is not finite")
+        reward = float(reward)
         if self._in_reset_set is None:
             return reward, reward > RESET_SET_ABOVE
-        return reward, bool(self._in_reset_set(observation))
+        return reward, self._is_reset(observation)
+
+    def _is_reset(self, observation: Any) -> bool:
+        assert self._in_reset_set is not None
+        answer = self._in_reset_set(observation)
+        try:
+            # Of numpy or torch.
+            bare = answer.item()
+        except (AttributeError, RuntimeError, ValueError):
+            bare = answer
+        if not isinstance(bare, bool):
+            raise TypeError(f"in_reset_set gave {answer!r}, not a bool")
+        return bare
 
     def begin_reset(self) -> bool:
         """Hands over to the reset agent although nothing was aborted: the task is done. Returns whether it is in charge."""
@@ -184,5 +232,6 @@ class Shield:
         self._core.save(path)
 
     def load(self, path: str | os.PathLike[str]) -> None:
-        """Goes on from a file of a shield with the same configuration; a hard reset is needed then."""
+        """Goes on from a file of a shield with the same spaces, reset agent, rules and reset task, whatever the rules' settings; a hard reset is needed then,
+        also if it raises."""
         self._core.load(path)

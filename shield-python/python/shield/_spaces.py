@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -18,14 +19,36 @@ def described(value: np.ndarray) -> str:
     return f"shape {value.shape} and dtype {value.dtype}"
 
 
+def flattened(space: spaces.Space[Any], value: Any, name: str) -> np.ndarray:
+    """A value as a vector in the order of Gymnasium's `flatten`, which itself takes much that is not of the space. `name` says which part it is."""
+    if isinstance(space, spaces.Box):
+        values = np.asarray(value)
+        if values.shape != space.shape or values.dtype.kind not in "fiub":
+            raise ValueError(
+                f"{name} has {described(values)}; its space {space} wants shape {space.shape} and dtype {space.dtype}"
+            )
+        return values.reshape(-1)
+    if isinstance(space, spaces.Dict):
+        if isinstance(value, Mapping) and value.keys() == space.spaces.keys():
+            parts = space.spaces.items()
+            return np.concatenate([flattened(part, value[key], f"{name}[{key!r}]") for key, part in parts])
+    elif isinstance(space, spaces.Tuple):
+        value = value.tolist() if isinstance(value, np.ndarray) else value
+        if isinstance(value, (tuple, list)) and len(value) == len(space.spaces):
+            parts = enumerate(space.spaces)
+            return np.concatenate([flattened(part, value[index], f"{name}[{index}]") for index, part in parts])
+    elif space.contains(value):
+        return np.asarray(spaces.flatten(space, value))
+    raise ValueError(f"{name} is {value!r}, which is not one of its space {space}")
+
+
 class Observations:
-    """Observations of any space with a fixed number of values, through Gymnasium's `flatten`."""
+    """Observations of any space with a fixed number of values."""
 
     def __init__(self, space: spaces.Space[Any]) -> None:
         if not space.is_np_flattenable:
             raise ValueError(f"the observation space {space} has no fixed number of values")
         self.space = space
-        self.is_box = isinstance(space, spaces.Box)
         flat = spaces.flatten_space(space)
         assert isinstance(flat, spaces.Box)
         self.low, self.high = flat.low.astype(np.float32), flat.high.astype(np.float32)
@@ -35,25 +58,7 @@ class Observations:
 
     def write(self, observation: Any, into: Floats) -> None:
         """Flattens an observation into a vector."""
-        if self.is_box:
-            values = np.asarray(observation)
-            if values.shape != self.space.shape or values.dtype.kind not in "fiub":
-                raise ValueError(
-                    f"the observation has {described(values)}; its space {self.space} wants shape"
-                    f" {self.space.shape} and dtype {self.space.dtype}"
-                )
-            into[:] = values.reshape(-1)
-            return
-        try:
-            values = np.asarray(spaces.flatten(self.space, observation))
-        except (TypeError, ValueError, KeyError, IndexError) as error:
-            raise ValueError(f"the observation {observation!r} does not fit its space {self.space}") from error
-        if values.shape != into.shape:
-            raise ValueError(
-                f"the observation has {described(values)} when it is flattened; its space {self.space} wants shape"
-                f" {into.shape}"
-            )
-        into[:] = values
+        into[:] = flattened(self.space, observation, "the observation")
 
 
 class Boxed:
@@ -66,17 +71,33 @@ class Boxed:
                 " for example with gymnasium.wrappers.RescaleAction"
             )
         self.space = space
-        self.form = tuple(bound.astype(np.float32).reshape(-1).tolist() for bound in (space.low, space.high))
+        low, high = (bound.astype(np.float32).reshape(-1) for bound in (space.low, space.high))
+        self.form = low.tolist(), high.tolist()
+        self.below, self.above = np.nextafter(low, np.float32(-np.inf)), np.nextafter(high, np.float32(np.inf))
         self.length = int(np.prod(space.shape))
+        self.is_single = space.dtype == np.float32
+        self.kinds = "fiu" if space.dtype.kind == "f" else "iu"
 
-    def read(self, action: Any, into: Floats) -> None:
+    def read(self, action: Any, into: Floats) -> np.ndarray:
+        """Flattens an action into a vector, and returns it in the space's dtype: what is judged is what may be executed."""
         values = np.asarray(action)
-        if values.shape != self.space.shape or values.dtype.kind not in "fiu":
+        if values.shape != self.space.shape or values.dtype.kind not in self.kinds:
             raise ValueError(
                 f"the action has {described(values)}; the action space {self.space} wants shape {self.space.shape}"
                 f" and dtype {self.space.dtype}"
             )
+        if self.space.dtype.kind == "f":
+            values = values.astype(self.space.dtype, copy=False)
         into[:] = values.reshape(-1)
+        if not self.is_single:
+            # What is outside stays there, though 32-bit floats are rounded to the bound.
+            np.maximum(into, self.above, out=into, where=(values > self.space.high).reshape(-1))
+            np.minimum(into, self.below, out=into, where=(values < self.space.low).reshape(-1))
+        return values.astype(self.space.dtype, copy=False)
+
+    def explained(self, reason: str, action: Any) -> str:
+        """The reason why an action is not one of the space."""
+        return reason
 
     def write(self, action: Floats) -> np.ndarray:
         # The bounds may be finer than 32-bit floats.
@@ -98,7 +119,7 @@ class Chosen:
         self.space = space
         self.form, self.start = int(space.n), int(space.start)
 
-    def read(self, action: Any, into: Floats) -> None:
+    def read(self, action: Any, into: Floats) -> Any:
         value = np.asarray(action)
         if value.shape != () or value.dtype.kind not in "iu":
             raise ValueError(
@@ -106,12 +127,18 @@ class Chosen:
                 f" {self.space.dtype}"
             )
         into[0] = int(value) - self.start
+        return action
+
+    def explained(self, reason: str, action: Any) -> str:
+        # The shield counts from 0.
+        return f"action {action} is not one of {self.start} to {self.start + self.form - 1}"
 
     def write(self, action: Floats) -> np.integer[Any]:
         return self.space.dtype.type(int(action[0]) + self.start)
 
     def nothing(self) -> np.integer[Any]:
-        return self.space.dtype.type(self.start - 1)
+        # The space's own dtype may have no room for it.
+        return np.int64(self.start - 1)
 
 
 def actions(space: spaces.Space[Any]) -> Boxed | Chosen:

@@ -42,6 +42,8 @@ pub enum StateError {
 #[derive(Serialize, Deserialize)]
 struct DropInState {
     kind: String,
+    observation_len: usize,
+    action_len: usize,
     /// As they are printed: they are only compared.
     spaces: String,
     counters: Counters,
@@ -77,6 +79,8 @@ impl DropIn {
         });
         let state = DropInState {
             kind: KIND.into(),
+            observation_len: self.observation.len(),
+            action_len: self.executed.len(),
             spaces: format!("{:?}", self.spaces()),
             counters: self.counters,
             reset_successes: self.reset_successes,
@@ -107,12 +111,16 @@ impl DropIn {
         if state.kind != KIND {
             return Err(foreign("it is not the state of a drop-in shield".into()));
         }
-        let own = format!("{:?}", self.spaces());
-        if state.spaces != own {
+        let (found, own) =
+            ((state.observation_len, state.action_len), (self.observation.len(), self.executed.len()));
+        if found != own {
             return Err(foreign(format!(
-                "it belongs to other spaces: {}; here they are {own}",
-                state.spaces
+                "it belongs to observations of {} and actions of {} numbers; here they have {} and {}",
+                found.0, found.1, own.0, own.1
             )));
+        }
+        if state.spaces != format!("{:?}", self.spaces()) {
+            return Err(foreign("it belongs to spaces with other bounds".into()));
         }
         for (name, is_there, is_here) in [
             ("a reset task", state.task.is_some(), self.task.is_some()),
