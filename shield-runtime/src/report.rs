@@ -9,9 +9,9 @@ mod record;
 mod statistics;
 
 pub use course::{Course, EvaluationCourse};
-pub use draw::{png, svg};
+pub use draw::{png, svg, titled};
 pub use figures::{Band, Dots, FIGURE_NAMES, Figure, HeatMap, Lines, Row, figures};
 pub use page::page;
 pub use places::Places;
 pub use record::{Record, RunRecord, VariantRecord, natural_order};
-pub use statistics::{Spread, median};
+pub use statistics::{Spread, median, show};

@@ -125,7 +125,13 @@ fn wrong_input_is_refused_with_its_place() {
         &[],
         &["x.ron:10:", "warm_up_step", "warm_up_steps"],
     );
-    refused(&good.replace("combine: Optimistic", "combne: Optimistic"), &[], &["x.ron:9:", "combne"]);
+    let misspelt = good.replace("combine: Optimistic", "combne: Optimistic");
+    refused(&misspelt, &[], &["x.ron:9:", "combne", "did you mean `combine`?"]);
+    for set in ["shield.rules[0].config.q_min=NaN", "reset.config.members=0"] {
+        refused(&good, &["--set", set], &[&format!("error: --set {set}: ")]);
+    }
+    refused(&good, &["--set", "shield.ruls[0].config.q_min=3"], &["`ruls`", "did you mean `rules`?"]);
+    refused(&good, &["--jobs", "0"], &["--jobs"]);
     refused(&good.replace("q_min: 0.4", "q_min: \"high\""), &[], &["x.ron:9:"]);
     refused(&good.replace("\"tabular-q\"", "\"tabular\""), &[], &["x.ron:6:", "tabular-q"]);
     let nested = good
@@ -171,7 +177,8 @@ fn an_earlier_run_is_overwritten_only_when_told_to() {
     fs::write(&metrics, "precious").unwrap();
     let output = run_in(folder.path(), &gridworld(200, ""), &["--seeds", "1,0"]);
     assert!(output.status.success(), "{}", text(&output.stderr));
-    assert!(text(&output.stderr).contains("1 run is finished already"), "{}", text(&output.stderr));
+    let kept = "1 run is finished already and kept; --overwrite makes it anew";
+    assert!(text(&output.stderr).contains(kept), "{}", text(&output.stderr));
     assert_eq!(fs::read_to_string(&metrics).unwrap(), "precious");
     assert!(folder.path().join("runs/small/default/seed-1/summary.json").exists());
     let output =
@@ -301,9 +308,41 @@ fn an_evaluation_repeats_what_the_run_reached_and_changes_nothing() {
     };
     refused(eval(&["--start", "roof"]), "roof");
     fs::remove_dir_all(folder.path().join("runs/small/default/seed-0/checkpoint")).unwrap();
-    refused(eval(&[]), "no checkpoint");
+    let output = eval(&[]);
+    let warning = text(&output.stderr);
+    assert!(output.status.success(), "{warning}");
+    assert!(warning.contains("left out: runs/small/default/seed-0: ") && warning.contains("no checkpoint"));
+    let one = |command: &str, run: &str, more: &[&str]| {
+        shield().current_dir(folder.path()).args([command, run]).args(more).output().unwrap()
+    };
+    refused(one("eval", "runs/small/default/seed-0", &[]), "no checkpoint");
+    refused(one("render", "runs/small/default/seed-0", &["--out", "x.gif"]), "no checkpoint");
+    refused(one("render", "runs/small", &["--out", "x.gif"]), "such as runs/small/default/seed-0");
+    refused(one("export", "runs", &[]), "such as runs/small/default/seed-0");
     let nothing = shield().args(["eval"]).arg(folder.path().join("runs/small/default/seed-0/none")).output();
     refused(nothing.unwrap(), "none");
+}
+
+#[test]
+fn a_run_that_cannot_be_evaluated_so_ends_the_evaluation_of_the_others() {
+    let variants = r#"variants: {"a": [], "b": [("mode", StatusQuo)]},"#;
+    let (output, folder) = run(&gridworld(300, variants), &["--seeds", "0"]);
+    assert!(output.status.success(), "{}", text(&output.stderr));
+    let eval =
+        |root: &str| shield().current_dir(folder.path()).args(["eval", root, "--shielded"]).output().unwrap();
+    let output = eval("runs/small");
+    let (table, warning) = (text(&output.stdout), text(&output.stderr));
+    assert!(output.status.success() && table.contains("│ a ") && !table.contains("│ b "), "{table}");
+    assert!(
+        warning.contains("left out: runs/small/b/seed-0: ") && warning.contains("no shield"),
+        "{warning}"
+    );
+    let output = eval("runs/small/b");
+    assert_eq!(output.status.code(), Some(2));
+    assert!(text(&output.stderr).contains("runs/small/b/seed-0"), "{}", text(&output.stderr));
+    let out = ["render", "x.ron", "--out", "x.gif", "--policy", "reset", "--variant", "b"];
+    let output = shield().current_dir(folder.path()).args(out).output().unwrap();
+    assert_eq!(output.status.code(), Some(2), "{}", text(&output.stderr));
 }
 
 #[test]
@@ -318,7 +357,8 @@ fn stopped_runs_go_on_by_their_folder() {
     assert!(text(&output.stdout).contains("default"), "{}", text(&output.stdout));
     assert!(run_files(&run) == expected, "the continued run differs");
     let output = shield().current_dir(folder.path()).args(["resume", "."]).output().unwrap();
-    assert!(text(&output.stderr).contains("finished already"), "{}", text(&output.stderr));
+    let kept = text(&output.stderr);
+    assert!(kept.contains("finished already") && !kept.contains("--overwrite"), "{kept}");
     let empty = tempfile::tempdir().unwrap();
     let output = shield().arg("resume").arg(empty.path()).output().unwrap();
     assert_eq!(output.status.code(), Some(2));

@@ -10,7 +10,7 @@ use shield_runtime::{
     report::FIGURE_NAMES,
     run::{RunFolder, prepare},
 };
-use shield_tests::{gridworld, plugins_folder, shield, workspace};
+use shield_tests::{cart, gridworld, plugins_folder, shield, workspace};
 use tempfile::TempDir;
 
 const VARIANTS: &str = r#"variants: {"q-0.4": [], "q-0": [("shield.rules[0].config.q_min", 0.0)], "status-quo": [("mode", StatusQuo)]},"#;
@@ -29,7 +29,8 @@ fn done(folder: &Path, arguments: &[&str]) -> String {
 fn ran() -> TempDir {
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("x.ron"), gridworld(1_000, VARIANTS)).unwrap();
-    done(folder.path(), &["run", "x.ron"]);
+    let said = done(folder.path(), &["run", "x.ron", "--record", "none.json"]);
+    assert!(said.contains("none.json does not exist yet"), "{said}");
     folder
 }
 
@@ -99,19 +100,62 @@ fn variants_and_figures_can_be_chosen() {
     assert!(page.contains("id=\"hard-resets\"") && !page.contains("id=\"lifetime-reward\""));
     for (arguments, expected) in [
         (["--variants", "q-1"], "there is no variant q-1; there are: q-0, q-0.4, status-quo"),
-        (["--figures", "smoke"], "there is no figure smoke; there are: return, "),
+        (["--figures", "smoke"], "there is no figure smoke; there are: "),
     ] {
         let output = call(folder.path(), &[&["report", "runs/small"], &arguments[..]].concat());
         let message = String::from_utf8_lossy(&output.stderr).into_owned();
-        assert!(!output.status.success() && message.contains(expected), "{message}");
+        assert!(output.status.code() == Some(2) && message.contains(expected), "{message}");
     }
+    // A threshold of 0 aborts nothing.
+    let arguments = ["report", "runs/small", "--out", "none.html", "--figures", "where-q-0"];
+    let output = call(folder.path(), &arguments);
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(output.status.code() == Some(2) && message.contains("where-q-0.4"), "{message}");
+    assert!(!folder.path().join("none.html").exists());
+}
+
+#[test]
+fn dimensions_that_there_are_not_are_left_out_silently() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("x.ron"), cart(1_000, "")).unwrap();
+    done(folder.path(), &["run", "x.ron", "--set", "shield.rules[0].config.q_min=1000"]);
+    done(folder.path(), &["report", "runs/cart", "--dimensions", "2,0", "--record", "kept.json"]);
+    let record = record(&folder.path().join("kept.json"));
+    let points = &record["variants"][0]["runs"][0]["aborts"]["Points"];
+    assert_eq!(points["dimensions"], serde_json::json!([2, 0]));
+    for (source, dimensions, expected) in [
+        ("runs/cart", "0,99", "there is no 99"),
+        ("runs/cart", "0", "two numbers"),
+        ("kept.json", "0,1", "a record keeps the dimensions"),
+    ] {
+        let output = call(folder.path(), &["report", source, "--dimensions", dimensions]);
+        let message = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.code() == Some(2) && message.contains(expected), "{message}");
+    }
+}
+
+#[test]
+fn why_no_run_is_finished_remains_unsaid() {
+    let folder = ran();
+    for run in RunFolder::find(&folder.path().join("runs")).unwrap() {
+        let path = run.path().join("summary.json");
+        let mut summary = record(&path);
+        (summary["complete"], summary["error"]) = (false.into(), "the arm fell off".into());
+        fs::write(path, summary.to_string()).unwrap();
+    }
+    let output = call(folder.path(), &["report", "runs/small"]);
+    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert_eq!(output.status.code(), Some(2));
+    assert!(message.contains("runs/small/q-0/seed-0 failed: the arm fell off"), "{message}");
 }
 
 #[test]
 fn a_recorded_run_is_not_made_again_unless_something_changed() {
     let folder = ran();
     done(folder.path(), &["report", "runs/small", "--record", "kept.json"]);
-    done(folder.path(), &["run", "x.ron", "--out", "elsewhere", "--record", "kept.json"]);
+    let output = call(folder.path(), &["run", "x.ron", "--out", "elsewhere", "--record", "kept.json"]);
+    let printed = String::from_utf8_lossy(&output.stdout).into_owned();
+    assert!(printed.contains("Every run is recorded in kept.json."), "{printed}");
     assert!(!folder.path().join("elsewhere").exists(), "all were recorded");
 
     let more = ["--variants", "q-0", "--seeds", "0,7"];

@@ -41,6 +41,7 @@ shield_api::config! {
 impl DdqnConfig {
     /// Refuses values that cannot be. Sizes of networks are checked where these are built.
     pub(crate) fn validate(&self) -> Result<(), Error> {
+        check_positive("members", self.members as f64)?;
         check_positive("rate", self.rate)?;
         check_share("discount", self.discount)?;
         check_positive("tau", self.tau)?;

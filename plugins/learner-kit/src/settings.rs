@@ -50,6 +50,7 @@ macro_rules! describe_agent {
             /// Refuses values that cannot be. Sizes of networks are checked where these are built.
             fn check_common(&self) -> Result<(), actor_critic::Error> {
                 use actor_critic::{check_finite_setting, check_not_negative, check_positive, check_share};
+                check_positive("critics", self.critics as f64)?;
                 check_positive("actor_rate", self.actor_rate)?;
                 check_positive("critic_rate", self.critic_rate)?;
                 check_share("discount", self.discount)?;

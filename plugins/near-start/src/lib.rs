@@ -48,11 +48,14 @@ impl Plugin for NearStart {
         let is_margin = config.margin.is_finite() && config.margin > 0.0;
         let is_radius = config.radius.is_finite() && config.radius >= 0.0;
         if !is_margin {
-            return Err(Error::invalid_config(format!("margin is {}, but must be positive", config.margin)));
+            return Err(Error::invalid_config(format!(
+                "margin is {}, but must be finite and above 0",
+                config.margin
+            )));
         }
         if !is_radius {
             return Err(Error::invalid_config(format!(
-                "radius is {}, but must not be negative",
+                "radius is {}, but must be finite and not negative",
                 config.radius
             )));
         }

@@ -5,6 +5,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
+use anyhow::Context;
 use serde::{Deserialize, Serialize};
 
 use super::{
@@ -174,10 +175,11 @@ impl CheckpointStore {
 ///
 /// # Errors
 /// There is none; the message says why of the last one.
-pub fn last_checkpoint(run: &Path) -> Result<Saved> {
+pub fn last_checkpoint(run: &Path) -> anyhow::Result<Saved> {
     let folder = folder_of(run);
     usable(&latest(&folder), run, None)
         .or_else(|error| usable(&previous(&folder), run, None).map_err(|_| error))
+        .with_context(|| format!("{} has no checkpoint from which the agents could be taken", run.display()))
 }
 
 /// Reads a checkpoint and holds it against what the run is now.

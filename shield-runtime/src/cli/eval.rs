@@ -59,18 +59,25 @@ struct Evaluated {
     steps: u64,
 }
 
-/// Evaluates every run and prints what came out.
+/// Evaluates every run that can be, and prints what came out.
 pub fn run(arguments: &EvalArguments, registry: &Registry) -> Result<(), Failure> {
     let settings = settings(arguments)?;
     let mut folders = Vec::new();
     for root in &arguments.folders {
         folders.extend(runs_in(root)?);
     }
-    let mut evaluated = Vec::new();
+    let (mut evaluated, mut left_out) = (Vec::new(), Vec::new());
     for folder in &folders {
-        let restored = restore(registry, folder, std::slice::from_ref(&settings))
-            .map_err(|error| Failure::Input(format!("{error:#}")))?;
-        evaluated.push(evaluate(restored, folder, arguments.episodes)?);
+        match restore(registry, folder, std::slice::from_ref(&settings)) {
+            Ok(restored) => evaluated.push(evaluate(restored, folder, arguments.episodes)?),
+            Err(error) => left_out.push(format!("{}: {error:#}", folder.path().display())),
+        }
+    }
+    if evaluated.is_empty() {
+        return Err(Failure::Input(format!("no run can be evaluated so:\n  {}", left_out.join("\n  "))));
+    }
+    for reason in left_out {
+        eprintln!("warning: left out: {reason}");
     }
     if arguments.json {
         let text = serde_json::to_string_pretty(&evaluated);
@@ -91,6 +98,17 @@ pub fn runs_in(root: &Path) -> Result<Vec<RunFolder>, Failure> {
         )));
     }
     Ok(folders)
+}
+
+/// The run that a folder is.
+pub fn one_run(path: &Path) -> Result<RunFolder, Failure> {
+    if path.join("config.ron").is_file() {
+        return Ok(RunFolder::at(path));
+    }
+    let inside = RunFolder::find(path).ok().and_then(|found| found.into_iter().next());
+    let example = inside.map_or("runs/mine/default/seed-0".into(), |run| run.path().display().to_string());
+    let path = path.display();
+    Err(Failure::Input(format!("{path} is not the folder of a run; give one, such as {example}")))
 }
 
 /// The evaluation of the experiment gives way to that of the arguments.

@@ -7,7 +7,7 @@ use clap::Args;
 use serde::Deserialize;
 use shield_runtime::run::{DecisionRow, read_decisions};
 
-use super::Failure;
+use super::{Failure, eval::one_run};
 
 /// Arguments of `shield explain`.
 #[derive(Args)]
@@ -39,6 +39,7 @@ struct Rejection {
 /// Prints why an action was rejected: rule, members, threshold, and what projection tried.
 pub fn explain(arguments: &ExplainArguments) -> Result<(), Failure> {
     let input = |error: anyhow::Error| Failure::Input(format!("{error:#}"));
+    one_run(&arguments.run)?;
     let rejections = read(arguments).map_err(input)?;
     if rejections.is_empty() {
         println!("No action was rejected.");
@@ -66,12 +67,8 @@ pub fn explain(arguments: &ExplainArguments) -> Result<(), Failure> {
 
 fn read(arguments: &ExplainArguments) -> Result<Vec<Rejection>> {
     let path = arguments.run.join("interventions.csv");
-    let mut table = csv::Reader::from_path(&path).with_context(|| {
-        format!(
-            "{} cannot be read; give the folder of a run, such as runs/mine/default/seed-0",
-            path.display()
-        )
-    })?;
+    let mut table =
+        csv::Reader::from_path(&path).with_context(|| format!("{} cannot be read", path.display()))?;
     let rows: Result<Vec<_>, _> = table.deserialize().collect();
     rows.with_context(|| format!("{} is damaged", path.display()))
 }
@@ -95,7 +92,8 @@ fn print(arguments: &ExplainArguments, rejection: &Rejection) -> Result<()> {
     println!("step {step}, {phase} agent: {verdict} ({cause})");
     println!("  why        {reason}");
     if !rule.is_empty() {
-        let compared = if score.is_empty() { String::new() } else { format!(", which compared {score}") };
+        let compared =
+            score.parse().map_or(String::new(), |score| format!(", which compared {}", short(score)));
         println!("  rule       {rule}{compared}");
     }
     println!("  proposed   {}", rejection.proposed);
@@ -117,9 +115,8 @@ fn projection(rejection: &Rejection) {
     let tried = match (verdict.as_str(), solver_status.as_str(), cause.as_str()) {
         ("project", "", _) => format!("another action was allowed as it is: {executed}"),
         ("project", _, _) => {
-            format!(
-                "a program was solved, {iterations} linearisations, distance {distance} from the proposed action"
-            )
+            let times = if iterations == "1" { "once" } else { &format!("{iterations} times") };
+            format!("a program was solved, linearised {times}, distance {distance} from the proposed action")
         }
         (_, "infeasible", _) => "no action keeps the rules' rows".to_owned(),
         (_, "", "still_rejected") => "what was found, the rules reject too".to_owned(),
@@ -145,15 +142,36 @@ fn find(arguments: &ExplainArguments, rejection: &Rejection) -> Result<Option<De
 }
 
 fn members(row: &DecisionRow) {
-    let figures = |numbers: &[f32]| numbers.iter().map(f32::to_string).collect::<Vec<_>>().join(" ");
+    let figures = |numbers: &[f32]| numbers.iter().copied().map(short).collect::<Vec<_>>().join(" ");
     for (name, values) in [
-        ("members   ", &row.values),
-        ("  greedy  ", &row.greedy_values),
-        ("  forward ", &row.forward_values),
-        ("  scores  ", &row.scores),
+        ("members", &row.values),
+        ("greedy", &row.greedy_values),
+        ("forward", &row.forward_values),
+        ("scores", &row.scores),
     ] {
         if !values.is_empty() {
-            println!("  {name} {}", figures(values));
+            println!("  {name:<10} {}", figures(values));
         }
+    }
+}
+
+/// Six decimals at most, or scientific where these would hide it.
+fn short(value: f32) -> String {
+    let (plain, shortest) = (format!("{value:.6}"), value.to_string());
+    match value.abs() {
+        small if small > 0.0 && small < 1e-4 => format!("{value:.3e}"),
+        _ if shortest.len() < plain.len() => shortest,
+        _ => plain,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_are_short() {
+        let shown = [5.611_509_6e-14, 0.123_456_79, 0.4, -2.5, 0.0, f32::NAN].map(short);
+        assert_eq!(shown, ["5.612e-14", "0.123457", "0.4", "-2.5", "0", "NaN"]);
     }
 }

@@ -7,10 +7,10 @@ use clap::Args;
 use shield_api::{ErrorKind, Learner};
 use shield_runtime::{
     plugin::Registry,
-    run::{RunFolder, restore, write_in_folder},
+    run::{restore, write_in_folder},
 };
 
-use super::Failure;
+use super::{Failure, eval::one_run};
 
 /// Arguments of `shield export`.
 #[derive(Args)]
@@ -25,7 +25,7 @@ pub struct ExportArguments {
 /// Writes whatever the learners of a run can write; it is an error if that is nothing.
 pub fn export(arguments: &ExportArguments, registry: &Registry) -> Result<(), Failure> {
     let input = |error: anyhow::Error| Failure::Input(format!("{error:#}"));
-    let folder = RunFolder::at(&arguments.run);
+    let folder = one_run(&arguments.run)?;
     let mut participants = restore(registry, &folder, &[]).map_err(input)?.prepared.participants;
     let forward = participants.forward.as_mut().and_then(|agent| agent.learner());
     let reset = participants.reset.as_mut().map(|agent| agent.learner());

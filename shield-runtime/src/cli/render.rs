@@ -7,7 +7,7 @@ use std::{
     sync::atomic::AtomicBool,
 };
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 use clap::{Args, ValueEnum};
 use indicatif::MultiProgress;
 use rand::{Rng, SeedableRng};
@@ -25,7 +25,7 @@ use shield_runtime::{
     run::{Prepared, prepare},
 };
 
-use super::{Failure, progress::Progress};
+use super::{Failure, eval::one_run, progress::Progress};
 use encode::Encoder;
 
 /// Arguments of `shield render`.
@@ -89,6 +89,14 @@ pub fn render(arguments: &RenderArguments, registry: &Registry) -> Result<(), Fa
     let variant = variant(arguments)?;
     let seed = arguments.seed.unwrap_or(variant.experiment.seeds[0]);
     let mut prepared = prepare(registry, &variant, seed)?;
+    let missing = match arguments.policy {
+        Who::Forward if prepared.participants.forward.is_none() => Some("forward"),
+        Who::Reset if prepared.participants.reset.is_none() => Some("reset"),
+        _ => None,
+    };
+    if let Some(role) = missing {
+        return Err(Failure::Input(format!("this variant has no {role} agent")));
+    }
     if arguments.experiment.is_dir() {
         let saved =
             last_checkpoint(&arguments.experiment).map_err(|error| Failure::Input(format!("{error:#}")))?;
@@ -112,7 +120,7 @@ fn variant(arguments: &RenderArguments) -> Result<Variant, Failure> {
         }
         // It lies behind them.
         sets.push(Override::new("shield.warm_up_steps", "0", "a run's film")?);
-        arguments.experiment.join("config.ron")
+        one_run(&arguments.experiment)?.path().join("config.ron")
     } else {
         arguments.experiment.clone()
     };
@@ -206,8 +214,8 @@ fn film(
     drop(progress);
     if !is_loop {
         let mut actor = match arguments.policy {
-            Who::Forward => Actor::Forward(forward.context("this variant has no forward agent")?),
-            Who::Reset => Actor::Reset(reset.context("this variant has no reset agent")?),
+            Who::Forward => Actor::Forward(forward.expect("`render` made sure of it")),
+            Who::Reset => Actor::Reset(reset.expect("`render` made sure of it")),
             Who::Loop | Who::Random => Actor::Random(Box::new(Pcg64::seed_from_u64(seed))),
         };
         perform(&mut actor, environment, arguments.steps, arguments.every, seed, &mut filmer)?;

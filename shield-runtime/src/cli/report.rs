@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result};
 use base64::{Engine, prelude::BASE64_STANDARD};
 use clap::Args;
 use shield_api::Frame;
@@ -10,7 +10,7 @@ use shield_runtime::{
     experiment::ExperimentFile,
     film::Picture,
     plugin::Registry,
-    report::{FIGURE_NAMES, Places, Record, VariantRecord, figures, page, png, svg},
+    report::{FIGURE_NAMES, Figure, Places, Record, VariantRecord, figures, page, png, svg, titled},
     run::{RunFolder, prepare, write_in_folder},
 };
 
@@ -43,9 +43,9 @@ pub struct ReportArguments {
     /// Keeps what the page is made of in this file, a few kilobytes a run. What it has already of other runs stays.
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
-    /// The two dimensions of an observation by which aborts are placed.
-    #[arg(long, value_delimiter = ',', num_args = 1, default_values_t = [0, 1])]
-    dimensions: Vec<usize>,
+    /// The two dimensions of an observation by which aborts are placed. Default: 0,1. A record keeps those that it was made with.
+    #[arg(long, value_delimiter = ',', num_args = 1)]
+    dimensions: Option<Vec<usize>>,
 }
 
 /// An environment's picture is drawn so many times as large as it would be in a film.
@@ -67,14 +67,17 @@ pub fn report(arguments: &ReportArguments, registry: &Registry) -> Result<(), Fa
         println!("{}", path.display());
     }
     choose(&mut record, arguments).map_err(input)?;
-    write(&record, arguments, registry).map_err(|error| Failure::Run(format!("{error:#}")))
+    let pictures = choose_pictures(&record, arguments, registry)?;
+    write(&record, arguments, pictures).map_err(|error| Failure::Run(format!("{error:#}")))
 }
 
 /// The record that the sources are, with what --record has already.
 fn read(arguments: &ReportArguments) -> Result<Record, Failure> {
     let input = |error: anyhow::Error| Failure::Input(format!("{error:#}"));
-    let &[x, y] = arguments.dimensions.as_slice() else {
-        return Err(Failure::Input("--dimensions takes two numbers, for example 0,1".into()));
+    let dimensions = match arguments.dimensions.as_deref() {
+        None => None,
+        Some(&[x, y]) => Some([x, y]),
+        Some(_) => return Err(Failure::Input("--dimensions takes two numbers, for example 0,1".into())),
     };
     let mut record = match &arguments.record {
         Some(path) if path.exists() => Record::read(path).map_err(input)?,
@@ -88,16 +91,21 @@ fn read(arguments: &ReportArguments) -> Result<Record, Failure> {
             folders.extend(runs_in(source)?);
         }
     }
-    let (runs, unfinished) = Record::of_runs(&folders, [x, y]).map_err(input)?;
-    for path in unfinished {
-        eprintln!("warning: {path} is not finished and left out");
+    if folders.is_empty() && dimensions.is_some() {
+        return Err(Failure::Input(
+            "--dimensions is for folders of runs: a record keeps the dimensions that it was made with".into(),
+        ));
+    }
+    let (runs, left_out) = Record::of_runs(&folders, dimensions).map_err(input)?;
+    for reason in left_out {
+        eprintln!("warning: left out: {reason}");
     }
     if !runs.variants.is_empty() {
         record.merge(runs).map_err(input)?;
     }
     if record.variants.is_empty() {
         return Err(Failure::Input(
-            "no run is finished: `shield resume` goes on with those that were stopped".into(),
+            "no run is finished: `shield resume` goes on with those that were stopped or failed".into(),
         ));
     }
     Ok(record)
@@ -118,17 +126,39 @@ fn choose(record: &mut Record, arguments: &ReportArguments) -> Result<()> {
     Ok(())
 }
 
-fn write(record: &Record, arguments: &ReportArguments, registry: &Registry) -> Result<()> {
-    let mut drawn = drawings(record, registry);
-    let mut figures = figures(record);
-    if let Some(wanted) = &arguments.figures {
-        let is_known = |name: &&String| FIGURE_NAMES.contains(&name.as_str()) || name.starts_with("where-");
-        if let Some(unknown) = wanted.iter().find(|name| !is_known(name)) {
-            bail!("there is no figure {unknown}; there are: {}, where-<variant>", FIGURE_NAMES.join(", "));
-        }
-        figures.retain(|figure| wanted.iter().any(|name| name == figure.name()));
-        drawn.retain(|drawn| wanted.contains(&drawn.name));
+/// The figures that the arguments name, or all. One that is known, but has nothing to show, is left out with a warning while others remain.
+fn choose_pictures(
+    record: &Record,
+    arguments: &ReportArguments,
+    registry: &Registry,
+) -> Result<(Vec<Figure>, Vec<Drawn>), Failure> {
+    let (mut figures, mut drawn) = (figures(record), drawings(record, registry));
+    let Some(wanted) = &arguments.figures else { return Ok((figures, drawn)) };
+    let own = figures.iter().map(Figure::name).chain(drawn.iter().map(|drawn| drawn.name.as_str()));
+    let present: Vec<String> = own.map(str::to_owned).collect();
+    let is_known = |name: &String| FIGURE_NAMES.contains(&name.as_str()) || present.contains(name);
+    if let Some(unknown) = wanted.iter().find(|name| !is_known(name)) {
+        let message = format!("there is no figure {unknown}; there are: {}", present.join(", "));
+        return Err(Failure::Input(message));
     }
+    let empty: Vec<&str> = wanted.iter().filter(|name| !present.contains(name)).map(String::as_str).collect();
+    if empty.len() == wanted.len() {
+        let (empty, present) = (empty.join(", "), present.join(", "));
+        return Err(Failure::Input(format!("nothing to show in {empty}; there are: {present}")));
+    }
+    if !empty.is_empty() {
+        eprintln!("warning: nothing to show in {}", empty.join(", "));
+    }
+    figures.retain(|figure| wanted.iter().any(|name| name == figure.name()));
+    drawn.retain(|drawn| wanted.contains(&drawn.name));
+    Ok((figures, drawn))
+}
+
+fn write(
+    record: &Record,
+    arguments: &ReportArguments,
+    (figures, drawn): (Vec<Figure>, Vec<Drawn>),
+) -> Result<()> {
     let place = |folder: &Path, name: &str, extension: &str| {
         folder.join(format!("{}{name}.{extension}", arguments.prefix))
     };
@@ -137,7 +167,8 @@ fn write(record: &Record, arguments: &ReportArguments, registry: &Registry) -> R
             write_in_folder(&place(folder, figure.name(), "png"), &png(figure)?)?;
         }
         for drawn in &drawn {
-            write_in_folder(&place(folder, &drawn.name, "png"), &drawn.picture.png()?)?;
+            let picture = titled(&drawn.picture, &drawn.title)?;
+            write_in_folder(&place(folder, &drawn.name, "png"), &picture.png()?)?;
         }
     }
     let mut pictures = Vec::with_capacity(drawn.len());

@@ -1,6 +1,6 @@
 //! `shield resume`: goes on with the runs of a folder that are not finished.
 
-use std::{collections::HashSet, path::PathBuf};
+use std::{collections::HashSet, num::NonZeroUsize, path::PathBuf};
 
 use clap::Args;
 use shield_runtime::{plugin::Registry, run::of_folder};
@@ -19,7 +19,7 @@ pub struct ResumeArguments {
     folders: Vec<PathBuf>,
     /// Runs at the same time. Default: as many as the cores allow with the experiment's threads.
     #[arg(long)]
-    jobs: Option<usize>,
+    jobs: Option<NonZeroUsize>,
 }
 
 /// Goes on with what is not finished and prints the table of all.
@@ -37,5 +37,5 @@ pub fn run(arguments: &ResumeArguments, registry: &Registry) -> Result<(), Failu
     }
     // Seed by seed, as `shield run` does.
     jobs.sort_by_key(|job| job.identity.seed);
-    Session::new(registry, arguments.jobs, false).work(jobs)
+    Session::new(registry, arguments.jobs).work(jobs)
 }

@@ -1,6 +1,6 @@
 //! `shield run`: every variant with every seed, as far as they are not done yet.
 
-use std::path::PathBuf;
+use std::{num::NonZeroUsize, path::PathBuf};
 
 use clap::Args;
 use shield_runtime::{
@@ -37,7 +37,7 @@ pub struct RunArguments {
     sets: Vec<String>,
     /// Runs at the same time. Default: as many as the cores allow with the experiment's threads.
     #[arg(long)]
-    jobs: Option<usize>,
+    jobs: Option<NonZeroUsize>,
     /// Removes earlier results of the same runs. Without it, finished runs are kept and unfinished ones go on.
     #[arg(long)]
     overwrite: bool,
@@ -58,12 +58,21 @@ pub fn run(arguments: &RunArguments, registry: &Registry) -> Result<(), Failure>
         Some(path) if path.exists() => {
             Some(Record::read(path).map_err(|error| Failure::Input(format!("{error:#}")))?)
         }
-        _ => None,
+        Some(path) => {
+            eprintln!("{} does not exist yet: no run is recorded", path.display());
+            None
+        }
+        None => None,
     };
-    Session::new(registry, arguments.jobs, arguments.overwrite)
+    Session::new(registry, arguments.jobs)
+        .with_overwrite(arguments.overwrite)
         .with_record(record)
         .work(jobs(arguments, &variants))?;
-    println!("Runs are in {}.", arguments.out.join(&variants[0].experiment.name).display());
+    let folder = arguments.out.join(&variants[0].experiment.name);
+    match &arguments.record {
+        Some(record) if !folder.exists() => println!("Every run is recorded in {}.", record.display()),
+        _ => println!("Runs are in {}.", folder.display()),
+    }
     Ok(())
 }
 

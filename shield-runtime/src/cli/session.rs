@@ -2,6 +2,7 @@
 
 use std::{
     collections::VecDeque,
+    num::NonZeroUsize,
     panic::{AssertUnwindSafe, catch_unwind},
     sync::{
         Mutex, PoisonError,
@@ -42,8 +43,9 @@ static STOP: AtomicBool = AtomicBool::new(false);
 /// What all runs of one command share.
 pub struct Session<'a> {
     registry: &'a Registry,
-    jobs: Option<usize>,
+    jobs: Option<NonZeroUsize>,
     overwrite: bool,
+    can_overwrite: bool,
     record: Option<Record>,
     display: MultiProgress,
 }
@@ -55,9 +57,23 @@ struct Outcomes {
 }
 
 impl<'a> Session<'a> {
-    /// `jobs` runs at the same time; earlier results are replaced if `overwrite` says so.
-    pub fn new(registry: &'a Registry, jobs: Option<usize>, overwrite: bool) -> Self {
-        Self { registry, jobs, overwrite, record: None, display: MultiProgress::new() }
+    /// `jobs` runs at the same time. Earlier results stay.
+    pub fn new(registry: &'a Registry, jobs: Option<NonZeroUsize>) -> Self {
+        Self {
+            registry,
+            jobs,
+            overwrite: false,
+            can_overwrite: false,
+            record: None,
+            display: MultiProgress::new(),
+        }
+    }
+
+    /// Of a command with --overwrite and --out, which messages then recommend. Earlier results are replaced if `overwrite` says so.
+    #[must_use]
+    pub fn with_overwrite(mut self, overwrite: bool) -> Self {
+        (self.overwrite, self.can_overwrite) = (overwrite, true);
+        self
     }
 
     /// Runs that are kept in `record` are not made again.
@@ -100,6 +116,10 @@ impl<'a> Session<'a> {
     /// Takes out what is finished already, and refuses what is something else now. Nothing is written yet.
     fn missing(&self, jobs: Vec<Job>, outcomes: &mut Outcomes) -> Result<VecDeque<Job>, Failure> {
         let mut missing = VecDeque::new();
+        let remedy = match self.can_overwrite {
+            true => "; --overwrite replaces it, --out <folder> writes elsewhere",
+            false => "; `shield run` with its experiment and --overwrite makes it anew",
+        };
         for job in jobs {
             let record = self.record.as_ref().filter(|_| !self.overwrite);
             if let Some(summary) = record.and_then(|record| record.summary_of(&job.order(self.registry))) {
@@ -114,21 +134,23 @@ impl<'a> Session<'a> {
                 Ok(Standing::Missing | Standing::Unfinished) => missing.push_back(job),
                 Ok(Standing::Differs(difference)) => {
                     return Err(Failure::Input(format!(
-                        "{path} has a run with another configuration: {difference}; --overwrite replaces it, --out <folder> \
-                         writes elsewhere"
+                        "{path} has a run with another configuration: {difference}{remedy}"
                     )));
                 }
                 Err(error) => {
                     return Err(Failure::Input(format!(
-                        "{path} is there, but not as a run: {error:#}; --overwrite replaces it, --out <folder> writes elsewhere"
+                        "{path} is there, but not as a run: {error:#}{remedy}"
                     )));
                 }
             }
         }
         if !outcomes.summaries.is_empty() {
             let count = outcomes.summaries.len();
-            let text = if count == 1 { "1 run is".into() } else { format!("{count} runs are") };
-            eprintln!("{text} finished already and kept; --overwrite makes them anew");
+            let (text, them) =
+                if count == 1 { ("1 run is".into(), "it") } else { (format!("{count} runs are"), "them") };
+            let remedy =
+                if self.can_overwrite { format!("; --overwrite makes {them} anew") } else { String::new() };
+            eprintln!("{text} finished already and kept{remedy}");
         }
         Ok(missing)
     }
@@ -149,7 +171,8 @@ impl<'a> Session<'a> {
 
     /// Works through the jobs; a run that fails does not end the others.
     fn run_all(&self, jobs: VecDeque<Job>, outcomes: &mut Outcomes) {
-        let workers = self.jobs.unwrap_or_else(|| default_jobs(&jobs)).clamp(1, jobs.len().max(1));
+        let workers =
+            self.jobs.map_or_else(|| default_jobs(&jobs), NonZeroUsize::get).clamp(1, jobs.len().max(1));
         let queue = Mutex::new(jobs);
         let outcomes = Mutex::new(outcomes);
         std::thread::scope(|scope| {

@@ -1,7 +1,10 @@
 //! The table at the end of an experiment.
 
 use comfy_table::{CellAlignment, Table, presets::UTF8_FULL_CONDENSED};
-use shield_runtime::{report::median, run::Summary};
+use shield_runtime::{
+    report::{median, show},
+    run::Summary,
+};
 
 /// A column: its heading, the figure of one run, and how many decimals it has.
 struct Column {
@@ -71,7 +74,7 @@ fn cell(column: &Column, runs: &[&Summary]) -> String {
         return "-".into();
     }
     figures.sort_by(f64::total_cmp);
-    let show = |figure: f64| format!("{figure:.*}", column.decimals);
+    let show = |figure: f64| show(figure, column.decimals);
     let (low, high) = (show(figures[0]), show(figures[figures.len() - 1]));
     let middle = show(median(&figures));
     if low == high { middle } else { format!("{middle}\n{low} to {high}") }
@@ -95,6 +98,8 @@ mod tests {
         let runs = [run("a", 1, 80), run("b", 7, 30), run("a", 3, 80), run("a", 9, 80)];
         let text = results(&["a".into(), "b".into()], &runs);
         assert!(text.contains("1 to 9"), "{text}");
+        let even = results(&["a".into()], &[run("a", 2, 80), run("a", 3, 80)]);
+        assert!(even.contains("2.5") && even.contains("2 to 3"), "{even}");
         assert!(text.contains("note: b spent less than half") && !text.contains("note: a"), "{text}");
     }
 }

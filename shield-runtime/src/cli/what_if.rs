@@ -11,14 +11,14 @@ use shield_runtime::{
     run::{Counterfactual, Replay, calibration, counterfactual, replay},
 };
 
-use super::Failure;
+use super::{Failure, eval::one_run};
 
 const RULE: &str = "ensemble-threshold";
 
 /// Arguments of `shield what-if`.
 #[derive(Args)]
 #[command(after_help = "\
-Replays every recorded forward decision through the rules themselves. Only what the rules reject is counted: nothing is projected, and no
+Replays every recorded forward decision through the rules themselves. Only what the rules reject is counted: nothing is projected, and no \
 action that was not executed is followed any further.
 
 Examples:
@@ -35,19 +35,20 @@ pub struct WhatIfArguments {
     /// Ways to combine of the rule `ensemble-threshold`: min, mean, max, or what its configuration takes.
     #[arg(long, value_delimiter = ',')]
     combine: Vec<String>,
-    /// Sets any field in every row, for example shield.rules[1].config.limit=3. May be repeated.
+    /// Sets any field of the rules in every row, for example shield.rules[1].config.limit=3. May be repeated.
     #[arg(long = "set", value_name = "PATH=VALUE")]
     sets: Vec<String>,
     /// Tables the reset ensemble's mean value at the start of each reset episode against its success, instead.
-    #[arg(long)]
+    #[arg(long, conflicts_with_all = ["q_min", "combine", "sets", "counterfactual"])]
     calibration: bool,
     /// Restores the states that `record: (states_every: …)` kept, executes each proposed action, and lets the final reset policy try to undo it, instead.
-    #[arg(long)]
+    #[arg(long, conflicts_with_all = ["q_min", "combine", "sets"])]
     counterfactual: bool,
 }
 
 /// Tables what the rules would have rejected under other settings.
 pub fn what_if(arguments: &WhatIfArguments, registry: &Registry) -> Result<(), Failure> {
+    one_run(&arguments.run)?;
     if arguments.calibration {
         return print_calibration(&arguments.run);
     }
@@ -56,7 +57,12 @@ pub fn what_if(arguments: &WhatIfArguments, registry: &Registry) -> Result<(), F
     }
     let file = ExperimentFile::read(arguments.run.join("config.ron"))?;
     let recorded = one_variant(&file, &[])?;
-    let mut rows = vec![("as recorded".to_owned(), String::new(), run(registry, &recorded, arguments)?)];
+    let has_sets = !arguments.sets.is_empty();
+    let not_given = if has_sets { "-" } else { "as recorded" };
+    let headings = has_sets.then_some("set").into_iter().chain(["q_min", "combine"]);
+    let mut first = vec![String::new(); headings.clone().count()];
+    first[0] = "as recorded".into();
+    let mut rows = vec![(first, run(registry, &recorded, arguments)?)];
     let or_one = |count: usize| count.max(1);
     for index in 0..or_one(arguments.q_min.len()) * or_one(arguments.combine.len()) {
         let q_min = arguments.q_min.get(index / or_one(arguments.combine.len()));
@@ -66,14 +72,21 @@ pub fn what_if(arguments: &WhatIfArguments, registry: &Registry) -> Result<(), F
             continue;
         }
         let variant = one_variant(&file, &sets)?;
-        let name = |given: Option<String>| given.unwrap_or_else(|| "as recorded".into());
-        rows.push((
-            name(q_min.map(f32::to_string)),
-            name(combine.cloned()),
-            run(registry, &variant, arguments)?,
-        ));
+        let name = |given: Option<String>| given.unwrap_or_else(|| not_given.into());
+        let mut settings = vec![name(q_min.map(f32::to_string)), name(combine.cloned())];
+        if has_sets {
+            settings.insert(0, arguments.sets.join("\n"));
+        }
+        rows.push((settings, run(registry, &variant, arguments)?));
     }
-    println!("{}", table(&rows));
+    println!("{}", table(headings, &rows));
+    let every = recorded.experiment.record.decisions;
+    if every > 1 {
+        println!(
+            "Every rejection was recorded, but of the allowed decisions only one in {every} was recorded: shares are of what was recorded. \
+             `record: (decisions: 1)` gives the true ones."
+        );
+    }
     Ok(())
 }
 
@@ -95,7 +108,14 @@ fn overrides(
 ) -> Result<Vec<Override>, Failure> {
     let mut overrides = Vec::new();
     for set in &arguments.sets {
-        overrides.push(Override::parse(set)?);
+        let set = Override::parse(set)?;
+        if !set.path.starts_with("shield.rules") {
+            return Err(Failure::Input(format!(
+                "--set {}={}: a replay reads nothing but the rules, `shield.rules`",
+                set.path, set.value
+            )));
+        }
+        overrides.push(set);
     }
     if q_min.is_none() && combine.is_none() {
         return Ok(overrides);
@@ -105,7 +125,7 @@ fn overrides(
         rules.iter().find(|(path, _, rule)| path.starts_with("shield.") && rule.plugin == RULE)
     else {
         return Err(Failure::Input(format!(
-            "the run has no rule {RULE:?}, to which --q-min and --combine belong; --set sets any field"
+            "the run has no rule {RULE:?}, to which --q-min and --combine belong; --set sets any field of another"
         )));
     };
     if let Some(q_min) = q_min {
@@ -128,20 +148,13 @@ fn overrides(
     Ok(overrides)
 }
 
-fn table(rows: &[(String, String, Replay)]) -> Table {
+/// A row per replay: what was set, under `headings`, and what came of it.
+fn table(headings: impl Iterator<Item = &'static str>, rows: &[(Vec<String>, Replay)]) -> Table {
     let mut table = Table::new();
     table.load_preset(UTF8_FULL_CONDENSED);
-    table.set_header([
-        "q_min",
-        "combine",
-        "decisions",
-        "rejected",
-        "%",
-        "of them failed",
-        "newly allowed",
-        "newly rejected",
-    ]);
-    for (q_min, combine, replay) in rows {
+    let figures = ["decisions", "rejected", "%", "of them failed", "newly allowed", "newly rejected"];
+    table.set_header(headings.chain(figures));
+    for (settings, replay) in rows {
         let share = 100.0 * replay.rejected as f64 / replay.decisions.max(1) as f64;
         let figures = [
             replay.decisions.to_string(),
@@ -151,7 +164,7 @@ fn table(rows: &[(String, String, Replay)]) -> Table {
             replay.newly_allowed.to_string(),
             replay.newly_rejected.to_string(),
         ];
-        let mut cells = vec![Cell::new(q_min), Cell::new(combine)];
+        let mut cells: Vec<Cell> = settings.iter().map(Cell::new).collect();
         cells.extend(figures.map(|figure| Cell::new(figure).set_alignment(CellAlignment::Right)));
         table.add_row(cells);
     }

@@ -56,8 +56,8 @@ pub(super) struct Fault {
 impl Fault {
     /// What `ron` says about a text, with the offset of the value that is wrong.
     pub fn from_ron(text: &str, error: &ron::error::SpannedError) -> Self {
-        let code = lower_first(&error.code.to_string());
-        Self { offset: offset_of(text, error), message: code, remedy: remedy(&error.code) }
+        let message = lower_first(&without_structure(&error.code).to_string());
+        Self { offset: offset_of(text, error), message, remedy: remedy(&error.code) }
     }
 }
 
@@ -91,7 +91,13 @@ fn offset_of(text: &str, error: &ron::error::SpannedError) -> usize {
         }
         E::NoSuchStructField { .. } | E::DuplicateStructField { .. } => cursor,
         code => {
-            let is_behind = matches!(code, E::InvalidValueForType { .. } | E::Message(_));
+            let is_behind = matches!(
+                code,
+                E::InvalidValueForType { .. }
+                    | E::Message(_)
+                    | E::ExpectedStructLike
+                    | E::ExpectedNamedStructLike(_)
+            );
             let concerned = tree.innermost(&|node| {
                 let is_leaf = matches!(node.kind, Kind::Leaf);
                 node.span.contains(&cursor)
@@ -101,6 +107,19 @@ fn offset_of(text: &str, error: &ron::error::SpannedError) -> usize {
             leaf.map_or(cursor, |node| node.span.start)
         }
     }
+}
+
+/// `ron` names the structure around where `Some` stands before the one with the fault, so none is named: the place says it.
+fn without_structure(code: &ron::Error) -> ron::Error {
+    use ron::Error as E;
+    let mut code = code.clone();
+    if let E::NoSuchStructField { outer, .. }
+    | E::MissingStructField { outer, .. }
+    | E::DuplicateStructField { outer, .. } = &mut code
+    {
+        *outer = None;
+    }
+    code
 }
 
 fn remedy(code: &ron::Error) -> Option<String> {
@@ -124,6 +143,16 @@ pub(super) fn did_you_mean<'a>(found: &str, known: impl IntoIterator<Item = &'a 
         |name: &&str| strsim::normalized_damerau_levenshtein(&found.to_lowercase(), &name.to_lowercase());
     let best = known.into_iter().max_by(|one, other| near(one).total_cmp(&near(other)));
     best.filter(|name| near(name) >= NEAR_ENOUGH).map(|name| format!("did you mean `{name}`?"))
+}
+
+/// The remedy for what a plugin says of a name that it does not know, "…named `qmin` in `Config`, expected one of `q_min`, …".
+pub(super) fn remedy_of(message: &str) -> Option<String> {
+    let (found, expected) = message.split_once(", expected ")?;
+    did_you_mean(in_backticks(found).next()?, in_backticks(expected))
+}
+
+fn in_backticks(text: &str) -> impl Iterator<Item = &str> {
+    text.split('`').skip(1).step_by(2)
 }
 
 fn lower_first(sentence: &str) -> String {
@@ -151,5 +180,13 @@ mod tests {
         let known = ["steps", "seeds"];
         assert_eq!(did_you_mean("stpes", known).as_deref(), Some("did you mean `steps`?"));
         assert_eq!(did_you_mean("gamma", known), None);
+    }
+
+    #[test]
+    fn a_plugins_sentence_about_an_unknown_name_has_a_remedy() {
+        let message =
+            "Unexpected field named `qmin` in `Config`, expected either `q_min` or `combine` instead";
+        assert_eq!(remedy_of(message).as_deref(), Some("did you mean `q_min`?"));
+        assert_eq!(remedy_of("`qmin` is 5, expected less"), None);
     }
 }

@@ -1,6 +1,7 @@
 //! Paths into a RON text, such as `shield.rules[0].config.q_min`.
 
 use super::edit::{EditedText, Origin};
+use super::error::did_you_mean;
 use super::tree::{Kind, Node};
 
 /// One step of a path.
@@ -91,7 +92,9 @@ fn insert(
     let is_map = matches!(node.kind, Kind::Map(..));
     let mut around = before.to_owned();
     for (depth, segment) in missing.iter().enumerate() {
-        let Segment::Field(name) = segment else { return Err(why_not(node, *segment)) };
+        let Segment::Field(name) = segment else {
+            return Err(no_list(node, &missing[..depth]).unwrap_or_else(|| why_not(node, *segment)));
+        };
         if is_map && depth == 0 {
             around += &format!("{name:?}: ");
         } else if name.chars().all(|character| character.is_alphanumeric() || character == '_') {
@@ -108,6 +111,20 @@ fn insert(
     let origin = Origin::Around(index);
     edited.replace(range, &[(&around, origin), (text, Origin::Value(index, 0)), (&closing, origin)]);
     Ok(())
+}
+
+/// What is wrong with an element of a list that is not written, `fields` inside `node`; `None` if no field is missing.
+fn no_list(node: &Node, fields: &[Segment]) -> Option<String> {
+    let names: Vec<&str> = fields
+        .iter()
+        .filter_map(|segment| match segment {
+            Segment::Field(name) => Some(*name),
+            Segment::Index(_) => None,
+        })
+        .collect();
+    let known = node.entries().iter().map(|entry| entry.key.as_str());
+    let remedy = did_you_mean(names.first()?, known).map(|remedy| format!("; {remedy}"));
+    Some(format!("there is no list `{}`{}", names.join("."), remedy.unwrap_or_default()))
 }
 
 fn why_not(node: &Node, segment: Segment) -> String {
@@ -147,7 +164,9 @@ mod tests {
         check("(a: 1)", "a.b", Err("there is no place for `b`: the value there has no fields"));
         check("(a: [1])", "a[1]", Err("there is no element [1]: the list has 1"));
         check("(a: 1)", "a[0]", Err("there is no element [0]: there is no list"));
-        check("(a: 1)", "b[0].c", Err("there is no element [0]: there is no list"));
+        check("(a: 1)", "b[0].c", Err("there is no list `b`"));
+        check("(rules: [1])", "ruls[0]", Err("there is no list `ruls`; did you mean `rules`?"));
+        check("(rules: (x: [1]))", "ruls.x[0]", Err("there is no list `ruls.x`; did you mean `rules`?"));
         check("(a: 1)", "b c", Err("`b c` cannot be the name of a field"));
         for malformed in ["a..b", ".a", "a.", "a[x]", "a[0", "a[0]b"] {
             assert!(set_in("(a: [1])", malformed, "7").is_err(), "{malformed}");

@@ -133,15 +133,15 @@ fn faults_of_syntax_and_type_are_where_the_user_finds_them() {
     check("(\n  name: \"x\" @steps: 5)", "expected comma");
     check(
         "@(steps: 5, seeds: [], environment: (plugin: \"e\"), forward: Policy(plugin: \"p\"))",
-        "unexpected missing field named `name` in `Experiment`",
+        "unexpected missing field named `name`",
     );
     check("@Experimnt(name: \"x\")", "expected struct `Experiment` but found `Experimnt`");
-    check_field("reset: @(config: ()),", "unexpected missing field named `plugin` in `PluginChoice`");
+    check_field("reset: @(config: ()),", "unexpected missing field named `plugin`");
     check_field(
         "shield: (@rulse: []),",
-        "unexpected field named `rulse` in `ShieldConfig`, expected one of `rules`, `projection`, `deadline_us`, `reset_attempts`, `reset_test`, `between_attempts`, `stop_on_reset`, `warm_up_steps`, `shield_exploration`, `on_abort`, or `fallback_action` instead; did you mean `rules`?",
+        "unexpected field named `rulse`, expected one of `rules`, `projection`, `deadline_us`, `reset_attempts`, `reset_test`, `between_attempts`, `stop_on_reset`, `warm_up_steps`, `shield_exploration`, `on_abort`, or `fallback_action` instead; did you mean `rules`?",
     );
-    check_field("threads: 1, @threads: 2", "unexpected duplicate field named `threads` in `Experiment`");
+    check_field("threads: 1, @threads: 2", "unexpected duplicate field named `threads`");
     check_field("threads: @-1", "integer is out of bounds");
     check_field("threads: @\"two\"", "expected integer");
     check_field("hard_reset_cost: @\"dear\"", "expected float");
@@ -154,6 +154,13 @@ fn faults_of_syntax_and_type_are_where_the_user_finds_them() {
     check_field("shield: (stop_on_reset: @1)", "expected boolean");
     check_field("reset: (plugin: @ddpg)", "expected string; a text needs quotes");
     check_field("evaluation: (every: 1, start: @above)", "expected string; a text needs quotes");
+    check_field(
+        "evaluation: Some(every: 500, @episods: 1)",
+        "unexpected field named `episods`, expected one of `every`, `episodes`, `agent`, `start`, `shielded`, or `solved_at` instead; did you mean `episodes`?",
+    );
+    for value in ["projection: @Qp", "on_abort: @Penalise"] {
+        check_field(&format!("shield: ({value}, warm_up_steps: 1)"), "expected opening `(`");
+    }
     check_field("variants: @[]", "expected opening `{`");
     check_field("variants: {\"a\": [@\"mode\"]}", "expected opening `(`");
 }
@@ -227,7 +234,7 @@ fn values_that_cannot_be_run_are_refused_where_they_stand() {
     );
     check_field(
         "shield: (rules: [(@plugn: \"r\")])",
-        "unexpected field named `plugn` in `Rule`, expected one of `plugin`, `path`, `config`, `isolate`, or `worker` instead; did you mean `plugin`?",
+        "unexpected field named `plugn`, expected one of `plugin`, `path`, `config`, `isolate`, or `worker` instead; did you mean `plugin`?",
     );
     check_field(
         "shield: (rules: [@Ayn([(plugin: \"r\")])])",
@@ -301,7 +308,7 @@ fn faults_of_variants_name_the_variant_and_the_override() {
     );
     check_field(
         "variants: {\"a\": [(@\"stepz\", 5)]}",
-        "variant `a`, override `stepz`: unexpected field named `stepz` in `Experiment`, expected one of `name`, `steps`, `seeds`, `mode`, `environment`, `forward`, `reset`, `shield`, `reset_task`, `experience`, `evaluation`, `checkpoint`, `record`, `hard_reset_cost`, `threads`, `pins`, or `variants` instead; did you mean `steps`?",
+        "variant `a`, override `stepz`: unexpected field named `stepz`, expected one of `name`, `steps`, `seeds`, `mode`, `environment`, `forward`, `reset`, `shield`, `reset_task`, `experience`, `evaluation`, `checkpoint`, `record`, `hard_reset_cost`, `threads`, `pins`, or `variants` instead; did you mean `steps`?",
     );
     check_field(
         "variants: {\"a\": [(\"shield\", (\n stop_on_reset: @5))]}",
@@ -374,7 +381,7 @@ fn overrides_of_the_command_line_come_last_and_are_named() {
     check("name=y", "--set name=y: override `name`: expected string; a text needs quotes");
     check(
         "shield.rulse=[]",
-        "--set shield.rulse=[]: override `shield.rulse`: unexpected field named `rulse` in `ShieldConfig`, expected one of `rules`, `projection`, `deadline_us`, `reset_attempts`, `reset_test`, `between_attempts`, `stop_on_reset`, `warm_up_steps`, `shield_exploration`, `on_abort`, or `fallback_action` instead; did you mean `rules`?",
+        "--set shield.rulse=[]: override `shield.rulse`: unexpected field named `rulse`, expected one of `rules`, `projection`, `deadline_us`, `reset_attempts`, `reset_test`, `between_attempts`, `stop_on_reset`, `warm_up_steps`, `shield_exploration`, `on_abort`, or `fallback_action` instead; did you mean `rules`?",
     );
     let steps = Override::new("steps", "0", "--steps 0").unwrap();
     let error = small("").variants(&[steps], None).unwrap_err();
@@ -474,6 +481,11 @@ fn what_a_plugin_reports_is_found_in_the_users_file() {
     let error = variant.error_at("reset.config", Some(Position { line: 9, column: 9 }), "odd");
     assert_eq!(error.to_string(), format!("{}: variant `v`: odd", in_file(")), variants")));
     assert_eq!(variant.file(), PathBuf::from("x.ron"));
+    let place_of_words = |message: &str| variant.error_at("reset.config", None, message).location.to_string();
+    assert_eq!(place_of_words("b is odd, and so is e"), in_file("Some(c: 2"));
+    assert_eq!(place_of_words("e is odd"), in_file("50"));
+    assert_eq!(place_of_words("`h`: odd"), "--set reset.config.h=8");
+    assert_eq!(place_of_words("odd"), in_file("(\n        a: 1"));
 }
 
 #[test]

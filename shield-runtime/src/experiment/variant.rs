@@ -8,7 +8,7 @@ use shield_api::{Position, ron_options};
 use super::ExperimentFile;
 use super::config::Experiment;
 use super::edit::{EditedText, Origin};
-use super::error::{Fault, InputError, Location, offset_at, position_at};
+use super::error::{Fault, InputError, Location, offset_at, position_at, remedy_of};
 use super::overrides::{Given, Override};
 use super::path;
 use super::tree::{Kind, Node, skip_trivia};
@@ -97,10 +97,13 @@ impl Source {
         Ok(config)
     }
 
-    /// An error at the value of `path`.
+    /// An error at the value of `path`; without a position, at the field of it that the message names, if it names one.
     pub fn error_at(&self, path: &str, position: Option<Position>, message: impl Into<String>) -> InputError {
-        let offset = self.offset(path, position);
-        self.error(Fault { offset, message: message.into(), remedy: None })
+        let message = message.into();
+        let named = if position.is_none() { self.named_field(path, &message) } else { None };
+        let offset = named.unwrap_or_else(|| self.offset(path, position));
+        let remedy = remedy_of(&message);
+        self.error(Fault { offset, message, remedy })
     }
 
     fn apply(&mut self) -> Result<(), InputError> {
@@ -149,6 +152,17 @@ impl Source {
                 node.span.start + inside.min(value.len().saturating_sub(1))
             }
         }
+    }
+
+    /// The offset of the first field of the value at `path` whose name is a word of the message.
+    fn named_field(&self, path: &str, message: &str) -> Option<usize> {
+        let root = Node::parse(self.edited.text()).ok()?;
+        let (node, true) = path::nearest(&root, path) else { return None };
+        let mut words = message.split(|letter: char| !letter.is_alphanumeric() && letter != '_');
+        words.find_map(|word| {
+            let entry = node.inner().entries().iter().find(|entry| entry.key == word)?;
+            Some(entry.value.span.start)
+        })
     }
 
     fn location(&self, offset: usize) -> Location {

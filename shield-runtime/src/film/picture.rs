@@ -64,7 +64,7 @@ impl Picture {
     }
 
     /// Copies a picture to `[left, top]`; it must fit.
-    pub(super) fn paste(&mut self, other: &Self, [left, top]: [usize; 2]) {
+    pub(crate) fn paste(&mut self, other: &Self, [left, top]: [usize; 2]) {
         for (row, line) in other.pixels.chunks(3 * other.width).enumerate() {
             let start = 3 * ((top + row) * self.width + left);
             self.pixels[start..start + line.len()].copy_from_slice(line);

@@ -33,10 +33,14 @@ const COLOURS: [RGBColor; 7] = [
     RGBColor(86, 180, 233),
     RGBColor(40, 40, 40),
 ];
+/// Most ticks of an axis.
+const TICKS: u8 = 6;
 const TEXT: RGBColor = RGBColor(30, 30, 30);
 const GRID: RGBColor = RGBColor(225, 225, 225);
 const TITLE_SIZE: u32 = 17;
 const TEXT_SIZE: u32 = 14;
+/// Height of the title over a picture that others made.
+const TITLE_STRIP: u32 = 28;
 
 /// What is drawn on, and how many of its units a point has.
 struct Canvas<'a, B: DrawingBackend> {
@@ -79,6 +83,33 @@ pub fn png(figure: &Figure) -> Result<Vec<u8>> {
     draw(&Canvas { area, scale, figure })?;
     let pixels = smaller(&pixels, width as usize, SUPERSAMPLING as usize);
     Picture::of((width / SUPERSAMPLING) as usize, pixels).png()
+}
+
+/// A picture that others made, under its title.
+///
+/// # Errors
+/// The title cannot be drawn.
+pub fn titled(picture: &Picture, title: &str) -> Result<Picture> {
+    fonts()?;
+    let (width, strip) = (picture.width() as u32, TITLE_STRIP * DENSITY);
+    let mut pixels = vec![255; 3 * width as usize * (strip as usize + picture.height())];
+    let area =
+        BitMapBackend::with_buffer(&mut pixels, (width, strip + picture.height() as u32)).into_drawing_area();
+    let mut size = f64::from(TEXT_SIZE * DENSITY);
+    let style = |size: f64| ("sans-serif", size).into_font().color(&TEXT);
+    let drawn = area.estimate_text_size(title, &style(size)).and_then(|(wide, _)| {
+        // A long title becomes smaller rather than cut.
+        size *= (f64::from(width) * 0.96 / f64::from(wide.max(1))).min(1.0);
+        let (wide, high) = area.estimate_text_size(title, &style(size))?;
+        let corner = (width.saturating_sub(wide) / 2, strip.saturating_sub(high) / 2);
+        area.draw_text(title, &style(size), (corner.0 as i32, corner.1 as i32))?;
+        area.present()
+    });
+    drawn.map_err(|error| anyhow!("{title:?} cannot be drawn: {error}"))?;
+    drop(area);
+    let mut whole = Picture::of(width as usize, pixels);
+    whole.paste(picture, [0, strip as usize]);
+    Ok(whole)
 }
 
 /// Means over squares of `times` by `times` pixels.
@@ -128,20 +159,17 @@ fn fonts() -> Result<()> {
     if *is_registered { Ok(()) } else { Err(anyhow!("the font of the figures cannot be read")) }
 }
 
-/// A figure on an axis: no more digits than the distance of its neighbours needs.
-fn label(figure: f64, largest: f64) -> String {
+/// A figure on an axis from `low` to `high`: no more digits than the distance of its neighbours needs.
+fn label(figure: f64, [low, high]: [f64; 2]) -> String {
+    let largest = low.abs().max(high.abs());
     let (divisor, unit) = match largest.abs() {
         large if large >= 1e6 => (1e6, "M"),
         large if large >= 1e4 => (1e3, "k"),
         _ => (1.0, ""),
     };
     let shown = figure / divisor;
-    let digits = match (largest / divisor).abs() {
-        large if large >= 10.0 => 0,
-        large if large >= 1.0 => 1,
-        large if large >= 0.1 => 2,
-        _ => 3,
-    };
+    let distance = (high - low) / f64::from(TICKS) / divisor;
+    let digits = (-distance.log10().floor()).max(0.0) as usize;
     let text = format!("{shown:.digits$}");
     let text = if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { &text };
     if text.is_empty() || text == "-0" || text == "0" { "0".into() } else { format!("{text}{unit}") }
@@ -159,8 +187,21 @@ mod tests {
     #[test]
     fn axes_have_short_figures() {
         let labels = [(0.0, 60_000.0), (20_000.0, 60_000.0), (2_500_000.0, 5e6), (0.25, 0.5), (40.0, 80.0)];
-        let labels = labels.map(|(figure, largest)| label(figure, largest));
+        let labels = labels.map(|(figure, largest)| label(figure, [0.0, largest]));
         assert_eq!(labels, ["0", "20k", "2.5M", "0.25", "40"]);
+        let narrow = [-0.0015, -0.001, -0.0005, 0.0].map(|figure| label(figure, [-0.002, 0.0]));
+        assert_eq!(narrow, ["-0.0015", "-0.001", "-0.0005", "0"]);
+        assert_eq!(label(100.02, [100.0, 100.1]), "100.02");
+    }
+
+    #[test]
+    fn a_title_stands_over_a_picture_and_leaves_it_as_it_is() {
+        let picture = Picture::of(40, vec![7; 3 * 40 * 30]);
+        let whole = titled(&picture, "a: where aborts happened, at most 18% in a cell").unwrap();
+        let strip = (TITLE_STRIP * DENSITY) as usize;
+        let (above, below) = whole.pixels().split_at(3 * 40 * strip);
+        assert!(whole.width() == 40 && below == picture.pixels());
+        assert!(above.iter().any(|value| *value < 200), "nothing is written");
     }
 
     #[test]

@@ -8,7 +8,7 @@ use super::{
     draw,
     figures::Figure,
     record::{PluginRecord, Record, RunRecord, VariantRecord, but_for_seed},
-    statistics::Spread,
+    statistics::{Spread, show},
 };
 
 /// A column of the final table: heading, figure of one run, decimals.
@@ -102,7 +102,7 @@ fn row(variant: &VariantRecord) -> TableRow {
         let Some(spread) = Spread::of(variant.runs.iter().filter_map(figure)) else {
             return Cell { median: "–".into(), quartiles: String::new() };
         };
-        let show = |figure: f64| format!("{figure:.decimals$}");
+        let show = |figure: f64| show(figure, *decimals);
         let [lower, upper] = [show(spread.lower), show(spread.upper)];
         let quartiles = if lower == upper { String::new() } else { format!("{lower} to {upper}") };
         Cell { median: show(spread.median), quartiles }

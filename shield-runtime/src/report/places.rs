@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use serde::{Deserialize, Serialize};
 
 use super::course::rounded;
@@ -28,11 +28,12 @@ pub enum Places {
 }
 
 impl Places {
-    /// From a run's recorded decisions; `None` if none were recorded, or nothing was aborted.
+    /// From a run's recorded decisions; `None` if none were recorded, nothing was aborted, or no dimensions are given of observations that have
+    /// less than two.
     ///
     /// # Errors
-    /// They cannot be read.
-    pub fn read(run: &Path, dimensions: [usize; 2]) -> Result<Option<Self>> {
+    /// They cannot be read, or their observations have no such dimensions.
+    pub fn read(run: &Path, dimensions: Option<[usize; 2]>) -> Result<Option<Self>> {
         if !run.join("decisions").is_dir() {
             return Ok(None);
         }
@@ -43,7 +44,18 @@ impl Places {
             }
             Ok(true)
         })?;
-        Ok((!aborts.is_empty()).then(|| Self::of(&aborts, dimensions)))
+        let Some(count) = aborts.first().map(Vec::len) else { return Ok(None) };
+        let chosen = dimensions.unwrap_or([0, 1]);
+        let places = Self::of(&aborts, chosen);
+        if matches!(places, Self::Cells(_)) || chosen.iter().all(|dimension| *dimension < count) {
+            return Ok(Some(places));
+        }
+        ensure!(
+            dimensions.is_none(),
+            "observations have {count} dimensions, counted from 0: there is no {}",
+            chosen[0].max(chosen[1])
+        );
+        Ok(None)
     }
 
     fn of(aborts: &[Vec<f32>], [x, y]: [usize; 2]) -> Self {
@@ -55,12 +67,20 @@ impl Places {
             return Self::Cells(cells);
         }
         let figure = |observation: &Vec<f32>, dimension: usize| {
-            observation.get(dimension).map_or(f64::NAN, |value| rounded(f64::from(*value)))
+            observation.get(dimension).map_or(f64::NAN, |value| short(f64::from(*value)))
         };
         let every = aborts.len().div_ceil(MOST);
         let points = aborts.iter().step_by(every).map(|at| [figure(at, x), figure(at, y)]);
         Self::Points { dimensions: [x, y], of: aborts.len() as u64, points: points.collect() }
     }
+}
+
+/// To a thousandth, or to four digits where that is more: an axis may be narrow.
+fn short(figure: f64) -> f64 {
+    if figure.abs() >= 1.0 {
+        return rounded(figure);
+    }
+    format!("{figure:.3e}").parse().unwrap_or(figure)
 }
 
 fn is_one_hot(observation: &[f32]) -> bool {
@@ -84,5 +104,10 @@ mod tests {
         let Places::Points { of, points, .. } = Places::of(&aborts, [2, 0]) else { panic!("cells") };
         assert_eq!((of, points[1]), (1_000, [1.0, 4.0]));
         assert!(points.len() <= MOST);
+    }
+
+    #[test]
+    fn a_narrow_range_is_not_rounded_to_stripes() {
+        assert_eq!([-0.000_123_456, 0.5, 12.345_67, 0.0].map(short), [-0.000_123_5, 0.5, 12.346, 0.0]);
     }
 }

@@ -69,26 +69,32 @@ pub struct RunRecord {
 }
 
 impl Record {
-    /// Reads the folders of one experiment. Runs that are not finished are left out; their paths are returned beside. `dimensions` are the
-    /// two of an observation by which aborts are placed.
+    /// Reads the folders of one experiment. Runs that are not finished are left out; a sentence about each is returned beside. `dimensions`
+    /// are the two of an observation by which aborts are placed: the first two, where there are two, if none are given.
     ///
     /// # Errors
     /// A folder cannot be read, is not that of a run, or belongs to another experiment or configuration than those before.
-    pub fn of_runs(folders: &[RunFolder], dimensions: [usize; 2]) -> Result<(Self, Vec<String>)> {
-        let (mut record, mut unfinished) = (Self::default(), Vec::new());
+    pub fn of_runs(folders: &[RunFolder], dimensions: Option<[usize; 2]>) -> Result<(Self, Vec<String>)> {
+        let (mut record, mut left_out) = (Self::default(), Vec::new());
         record.program = PROGRAM.into();
         for folder in folders {
-            let Some(summary) = folder.summary()?.filter(|summary| summary.complete) else {
-                unfinished.push(folder.path().display().to_string());
-                continue;
-            };
-            record.add_run(folder, summary, dimensions)?;
+            let path = folder.path().display();
+            match folder.summary()? {
+                Some(summary) if summary.complete => record.add_run(folder, summary, dimensions)?,
+                Some(Summary { error: Some(error), .. }) => left_out.push(format!("{path} failed: {error}")),
+                _ => left_out.push(format!("{path} is not finished")),
+            }
         }
         record.sort();
-        Ok((record, unfinished))
+        Ok((record, left_out))
     }
 
-    fn add_run(&mut self, folder: &RunFolder, summary: Summary, dimensions: [usize; 2]) -> Result<()> {
+    fn add_run(
+        &mut self,
+        folder: &RunFolder,
+        summary: Summary,
+        dimensions: Option<[usize; 2]>,
+    ) -> Result<()> {
         let path = folder.path();
         let (identity, _) = of_folder(folder, &[])?;
         if self.variants.is_empty() {

@@ -38,6 +38,12 @@ pub fn median(figures: &[f64]) -> f64 {
     Spread::of(figures.iter().copied()).map_or(f64::NAN, |spread| spread.median)
 }
 
+/// With so many decimals; half a count, as the median of an even number of them may be, keeps its half.
+pub fn show(figure: f64, decimals: usize) -> String {
+    let is_half = decimals == 0 && figure.fract().abs() == 0.5;
+    format!("{figure:.*}", if is_half { 1 } else { decimals })
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -53,5 +59,7 @@ mod tests {
     #[test]
     fn an_even_number_of_seeds_has_the_mean_of_the_middle_as_median() {
         assert_eq!(median(&[4.0, 1.0, 2.0, 9.0]), 3.0);
+        let shown = [2.0, 2.5, 2.25].map(|figure| show(figure, 0));
+        assert_eq!(shown, ["2", "2.5", "2"]);
     }
 }

@@ -53,9 +53,9 @@ Examples:
   shield plugin bench ddpg --config '(critics: 20)' --observation 17 --action 6
   shield plugin bench gridworld --json > bench.json
 
-Each function is called through the binary interface, as a run calls it: with the host's checks of lengths and numbers. p50 is the median,
-p99 what 99 of 100 calls stay below; calls shorter than 3 µs are timed in groups, of which each counts with its mean. ALLOCATIONS are those of
-one call, in the plugin and the libraries that it links; in `step`, `act`, `q_values` and `evaluate` there should be none. What a plugin
+Each function is called through the binary interface, as a run calls it: with the host's checks of lengths and numbers. p50 is the median, \
+p99 what 99 of 100 calls stay below; calls shorter than 3 µs are timed in groups, of which each counts with its mean. ALLOCATIONS are those of \
+one call, in the plugin and the libraries that it links; in `step`, `act`, `q_values` and `evaluate` there should be none. What a plugin \
 does not support is left out. Compare figures of one machine that does nothing else.";
 
 /// One row.

@@ -6,7 +6,7 @@ use plotters::{
     style::{Color, RGBColor, ShapeStyle},
 };
 
-use super::{Canvas, TEXT, TEXT_SIZE, TITLE_SIZE, label};
+use super::{Canvas, TEXT, TEXT_SIZE, TICKS, TITLE_SIZE, label};
 use crate::report::figures::HeatMap;
 
 /// From few to many: lightness falls evenly, so that it reads in grey as well.
@@ -27,8 +27,9 @@ pub(super) fn draw<B: DrawingBackend>(
     let (plot, beside) = canvas.area.split_horizontally(width - canvas.points(86));
     let [[left, right], [bottom, top]] = figure.ranges;
     let most = figure.counts.iter().copied().fold(1.0, f64::max);
-    let mut chart = ChartBuilder::on(&plot)
-        .caption(&figure.title, canvas.text(TITLE_SIZE))
+    let below_title =
+        plot.margin(canvas.points(8), 0, 0, 0).titled(&figure.title, canvas.text(TITLE_SIZE))?;
+    let mut chart = ChartBuilder::on(&below_title)
         .margin(canvas.points(10))
         .x_label_area_size(canvas.points(44))
         .y_label_area_size(canvas.points(64))
@@ -38,10 +39,10 @@ pub(super) fn draw<B: DrawingBackend>(
         .disable_mesh()
         .axis_style(ShapeStyle { color: TEXT.to_rgba(), filled: false, stroke_width: canvas.scale })
         .set_all_tick_mark_size(canvas.points(4))
-        .x_labels(6)
-        .y_labels(6)
-        .x_label_formatter(&|figure| label(*figure, right.abs().max(left.abs())))
-        .y_label_formatter(&|figure| label(*figure, top.abs().max(bottom.abs())))
+        .x_labels(TICKS.into())
+        .y_labels(TICKS.into())
+        .x_label_formatter(&|figure| label(*figure, [left, right]))
+        .y_label_formatter(&|figure| label(*figure, [bottom, top]))
         .x_desc(&figure.axes[0])
         .y_desc(&figure.axes[1])
         .label_style(text.clone())

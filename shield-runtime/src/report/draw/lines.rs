@@ -8,7 +8,7 @@ use plotters::{
     style::{Color, RGBColor, ShapeStyle},
 };
 
-use super::{Canvas, GRID, TEXT, TEXT_SIZE, TITLE_SIZE, label, look};
+use super::{Canvas, GRID, TEXT, TEXT_SIZE, TICKS, TITLE_SIZE, label, look};
 use crate::report::figures::{Band, Lines};
 
 type Drawn<B> = Result<(), DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
@@ -33,7 +33,6 @@ pub(super) fn draw<B: DrawingBackend>(canvas: &Canvas<'_, B>, figure: &Lines) ->
         .x_label_area_size(canvas.points(44))
         .y_label_area_size(canvas.points(64))
         .build_cartesian_2d(0.0..right, low..high)?;
-    let largest = low.abs().max(high.abs());
     chart
         .configure_mesh()
         .disable_x_mesh()
@@ -41,10 +40,10 @@ pub(super) fn draw<B: DrawingBackend>(canvas: &Canvas<'_, B>, figure: &Lines) ->
         .light_line_style(GRID.mix(0.0))
         .axis_style(ShapeStyle { color: TEXT.to_rgba(), filled: false, stroke_width: canvas.scale })
         .set_all_tick_mark_size(canvas.points(4))
-        .x_labels(6)
-        .y_labels(6)
-        .x_label_formatter(&|figure| label(*figure, right))
-        .y_label_formatter(&|figure| label(*figure, largest))
+        .x_labels(TICKS.into())
+        .y_labels(TICKS.into())
+        .x_label_formatter(&|figure| label(*figure, [0.0, right]))
+        .y_label_formatter(&|figure| label(*figure, [low, high]))
         .x_desc("environment steps")
         .y_desc(&figure.axis)
         .label_style(text.clone())

@@ -7,7 +7,7 @@ use plotters::{
     style::{Color, ShapeStyle},
 };
 
-use super::{COLOURS, Canvas, GRID, TEXT, TEXT_SIZE, TITLE_SIZE, label};
+use super::{COLOURS, Canvas, GRID, TEXT, TEXT_SIZE, TICKS, TITLE_SIZE, label};
 use crate::report::figures::Dots;
 
 pub(super) fn draw<B: DrawingBackend>(
@@ -39,8 +39,8 @@ pub(super) fn draw<B: DrawingBackend>(
         .light_line_style(GRID.mix(0.0))
         .axis_style(ShapeStyle { color: TEXT.to_rgba(), filled: false, stroke_width: canvas.scale })
         .set_all_tick_mark_size(canvas.points(4))
-        .x_labels(6)
-        .x_label_formatter(&|figure| label(*figure, high.abs().max(low.abs())))
+        .x_labels(TICKS.into())
+        .x_label_formatter(&|figure| label(*figure, [low, high]))
         .x_desc(&figure.axis)
         .label_style(text.clone())
         .axis_desc_style(text.clone())
