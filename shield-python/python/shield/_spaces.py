@@ -62,9 +62,14 @@ class Observations:
 
 
 class Boxed:
-    """Actions of a box with finite bounds."""
+    """Actions of a box of fractions with finite bounds."""
 
     def __init__(self, space: spaces.Box) -> None:
+        if space.dtype.kind != "f":
+            raise ValueError(
+                f"the action space {space} has whole numbers only: an altered action and those of the reset agent lie between them. Make it a Discrete"
+                " space, or one of floats that the environment rounds"
+            )
         if not space.is_bounded():
             raise ValueError(
                 f"the action space {space} has infinite bounds: a reset agent cannot explore it. Give it finite ones,"
@@ -76,24 +81,22 @@ class Boxed:
         self.below, self.above = np.nextafter(low, np.float32(-np.inf)), np.nextafter(high, np.float32(np.inf))
         self.length = int(np.prod(space.shape))
         self.is_single = space.dtype == np.float32
-        self.kinds = "fiu" if space.dtype.kind == "f" else "iu"
 
     def read(self, action: Any, into: Floats) -> np.ndarray:
         """Flattens an action into a vector, and returns it in the space's dtype: what is judged is what may be executed."""
         values = np.asarray(action)
-        if values.shape != self.space.shape or values.dtype.kind not in self.kinds:
+        if values.shape != self.space.shape or values.dtype.kind not in "fiu":
             raise ValueError(
                 f"the action has {described(values)}; the action space {self.space} wants shape {self.space.shape}"
                 f" and dtype {self.space.dtype}"
             )
-        if self.space.dtype.kind == "f":
-            values = values.astype(self.space.dtype, copy=False)
+        values = values.astype(self.space.dtype, copy=False)
         into[:] = values.reshape(-1)
         if not self.is_single:
             # What is outside stays there, though 32-bit floats are rounded to the bound.
             np.maximum(into, self.above, out=into, where=(values > self.space.high).reshape(-1))
             np.minimum(into, self.below, out=into, where=(values < self.space.low).reshape(-1))
-        return values.astype(self.space.dtype, copy=False)
+        return values
 
     def explained(self, reason: str, action: Any) -> str:
         """The reason why an action is not one of the space."""
