@@ -169,7 +169,7 @@ fn label(figure: f64, [low, high]: [f64; 2]) -> String {
     };
     let shown = figure / divisor;
     let distance = (high - low) / f64::from(TICKS) / divisor;
-    let digits = (-distance.log10().floor()).max(0.0) as usize;
+    let digits = (-distance.log10().floor()).clamp(0.0, 9.0) as usize;
     let text = format!("{shown:.digits$}");
     let text = if text.contains('.') { text.trim_end_matches('0').trim_end_matches('.') } else { &text };
     if text.is_empty() || text == "-0" || text == "0" { "0".into() } else { format!("{text}{unit}") }
@@ -192,6 +192,7 @@ mod tests {
         let narrow = [-0.0015, -0.001, -0.0005, 0.0].map(|figure| label(figure, [-0.002, 0.0]));
         assert_eq!(narrow, ["-0.0015", "-0.001", "-0.0005", "0"]);
         assert_eq!(label(100.02, [100.0, 100.1]), "100.02");
+        assert_eq!(label(5.0, [5.0, 5.0]), "5");
     }
 
     #[test]
