@@ -170,11 +170,11 @@ impl Shield {
                     Decision::Resetting
                 }
                 Ok(()) => Decision::Resetting,
-                Err(error) => self.ladder.fail(Cause::ResetFailed, &error, action),
+                Err(error) => self.ladder.reset_failed(&error, action),
             }
         };
         if decision == Decision::Resetting {
-            self.ladder.why.clear();
+            self.ladder.why.forget();
         }
         if decision.abort().is_some() && self.phase == Phase::Forward && !self.needs_hard_reset {
             self.begin_reset();

@@ -25,6 +25,13 @@ impl Explanation {
         self.length = 0;
     }
 
+    /// Forgets the sentence, unless it says why nothing will be decided any more.
+    pub fn forget(&mut self) {
+        if !self.is_final {
+            self.clear();
+        }
+    }
+
     pub fn text(&self) -> &str {
         std::str::from_utf8(&self.buffer[..self.length]).unwrap_or("")
     }
@@ -43,5 +50,23 @@ impl Explanation {
         self.append(error);
         self.is_final |= error.kind() == ErrorKind::Panicked;
         Abort::without_rule(cause)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use shield_api::Error;
+
+    use super::*;
+
+    #[test]
+    fn only_the_last_word_is_kept() {
+        let mut why = Explanation::new();
+        why.failed(Cause::RuleFailed, &Error::failed("not today"));
+        why.forget();
+        assert_eq!(why.text(), "");
+        why.failed(Cause::RuleFailed, &Error::new(ErrorKind::Panicked, "never again"));
+        why.forget();
+        assert_eq!(why.text(), "never again");
     }
 }

@@ -82,9 +82,8 @@ impl Ladder {
     /// An abort without anyone being asked; the buffer holds the fallback action.
     pub fn refuse(&mut self, cause: Cause, action: &mut [f32]) -> Decision {
         self.jury.begin(Phase::Forward);
-        // Why nothing can be decided any more matters more.
+        self.why.forget();
         if !self.why.is_final {
-            self.why.clear();
             self.why.append(match cause {
                 Cause::AwaitsHardReset => "a hard reset must come first",
                 _ => "the shield was not asked",
@@ -95,10 +94,10 @@ impl Ladder {
     }
 
     /// An abort because the reset agent failed; the buffer holds the fallback action.
-    pub fn fail(&mut self, cause: Cause, error: &shield_api::Error, action: &mut [f32]) -> Decision {
+    pub fn reset_failed(&mut self, error: &shield_api::Error, action: &mut [f32]) -> Decision {
         self.jury.begin(Phase::Forward);
         write_safe(&self.settings.fallback_action, action);
-        Decision::Abort(self.why.failed(cause, error))
+        Decision::Abort(self.why.failed(Cause::ResetFailed, error))
     }
 
     /// Whether a plugin that the shield needs panicked, or a rule did not take note of a decision: from then on every decision would be an

@@ -25,9 +25,8 @@ impl Shield {
         })
     }
 
-    /// Goes on from what was saved, in a world whose state is not known: a hard reset is needed.
+    /// Goes on from what was saved. Who calls it requires a hard reset before: where the world stands is not known.
     pub(crate) fn restore(&mut self, state: &ShieldState) -> Result<()> {
-        self.require_hard_reset();
         self.reset_agent.restore(&state.agent)?;
         restore_rules(Some(&mut self.ladder), &state.rules)?;
         (self.steps, self.exploration_replaced) = (state.steps, state.exploration_replaced);
