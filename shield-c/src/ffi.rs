@@ -89,7 +89,7 @@ pub unsafe extern "C" fn shield_filter(
         shield.rest(action);
         return SHIELD_FAILED;
     };
-    match shield.drop_in.shield().reason() {
+    match shield.drop_in.reason() {
         "" => errors::forget(&mut shield.reason),
         reason => shield.reason = errors::text(reason),
     }

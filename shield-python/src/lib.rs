@@ -254,7 +254,7 @@ fn verdict(drop_in: &DropIn, decision: Decision) -> Verdict<'static> {
         return (name, drop_in.reset_value(), -1, String::new(), String::new());
     };
     let rule = rejection.rule.and_then(|rule| i64::try_from(rule).ok()).unwrap_or(-1);
-    (name, drop_in.reset_value(), rule, rejection.cause.to_string(), drop_in.shield().reason().to_owned())
+    (name, drop_in.reset_value(), rule, rejection.cause.to_string(), drop_in.reason().to_owned())
 }
 
 /// The configuration that is used for a box of actions, or for a choice of them.

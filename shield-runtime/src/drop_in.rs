@@ -1,131 +1,127 @@
 //! The shield in somebody else's loop: what the doors for Python, C and Rust share.
 //!
-//! The caller proposes, executes and reports; the shield decides, keeps the reset agent's experience, lets it learn, and counts. Where
-//! the caller's environment stands on its own, [`Shielded`](crate::shielded::Shielded) is the loop around this.
+//! The caller proposes, executes and reports; the [reset cycle](crate::cycle) decides, stores, learns and counts. Where the caller has an
+//! environment that can be stepped, [`Shielded`](crate::shielded::Shielded) is the loop around this.
 
+mod builder;
 mod figures;
 mod open;
 mod state;
 
+pub use builder::{DropInBuilder, Learning};
 pub use open::Defaults;
 pub use state::StateError;
 
-use rand_pcg::Pcg64;
-use shield_api::{Error, Phase, ResetSignal, ResetTask, Result, Spaces, check_finite, check_length};
+use shield_api::{
+    Error, Learner, Phase, ResetSignal, ResetTask, Result, Spaces, StepOutcome, check_finite, check_length,
+};
 
 use self::figures::Figures;
 use crate::{
+    cycle::{HardResetDue, ResetCycle},
     decision::{Cause, Decision},
-    experience::{AgentRole, AgentShare, Experience, Transition},
-    experiment::{Endings, Updates},
+    experience::AgentRole,
     record::Counters,
-    shield::Shield,
+    shield::{Judgement, Ladder, write_safe},
 };
-
-/// What the reset agent learns from, and when.
-pub struct Learning {
-    /// Where its transitions go.
-    pub experience: Experience,
-    /// Updates after each step of which it learns.
-    pub updates_per_step: usize,
-    /// Whether it learns from every step, or from its own only.
-    pub updates: Updates,
-    /// How reset episodes end for its values.
-    pub endings: Endings,
-    /// How much of a hard reset's cost it loses.
-    pub cost_weight: f32,
-    /// Draws the bootstrap masks.
-    pub masks: Pcg64,
-}
-
-impl Learning {
-    /// Learns from every step, with the usual endings.
-    pub fn new(experience: Experience, updates_per_step: usize, masks: Pcg64) -> Self {
-        let (updates, endings) = (Updates::Both, Endings::default());
-        Self { experience, updates_per_step, updates, endings, cost_weight: 0.0, masks }
-    }
-}
 
 /// A shield, what "reset" means, and what the reset agent learns.
 ///
 /// Each step: [`filter`](Self::filter) the proposed action, execute what is then in the buffer, [`observe`](Self::observe) where it led. An
-/// aborted action has given way to the reset agent's, which is in charge from then on, as [`phase`](Self::phase) says, until its episode is over.
-/// When [`needs_hard_reset`](Self::needs_hard_reset), nothing may move until [`hard_reset_done`](Self::hard_reset_done).
+/// aborted action has given way to the reset agent's, which is in charge from then on, as [`phase`](Self::phase) says, until its attempt is
+/// over. When [`needs_hard_reset`](Self::needs_hard_reset), nothing may move until [`hard_reset_done`](Self::hard_reset_done).
+///
+/// ```
+/// use shield_api::{ActMode, Batch, Checkpoint, Learner, LearnerInfo, ResetSignal, Result, Space, Spaces};
+/// use shield_runtime::{decision::Decision, drop_in::DropIn};
+/// # use shield_api::{AbortRule, Needs, Reason, RuleContext, RuleVerdict};
+/// # struct Home;
+/// # impl Checkpoint for Home {}
+/// # impl Learner for Home {
+/// #     fn info(&self) -> LearnerInfo { LearnerInfo { members: 1, discount: 0.99 } }
+/// #     fn act(&mut self, observation: &[f32], _: ActMode, action: &mut [f32]) -> Result<()> {
+/// #         action[0] = (-observation[0]).clamp(-1.0, 1.0);
+/// #         Ok(())
+/// #     }
+/// #     fn q_values(&mut self, observation: &[f32], action: &[f32], values: &mut [f32]) -> Result<()> {
+/// #         values[0] = 1.0 - (observation[0] + action[0]).abs();
+/// #         Ok(())
+/// #     }
+/// #     fn update(&mut self, _: &Batch<'_>) -> Result<()> { Ok(()) }
+/// # }
+/// # struct AtLeast(f32);
+/// # impl Checkpoint for AtLeast {}
+/// # impl AbortRule for AtLeast {
+/// #     fn needs(&self) -> Needs { Needs { values: true, ..Needs::default() } }
+/// #     fn evaluate(&self, context: &RuleContext<'_>, _: &mut Reason<'_>) -> Result<RuleVerdict> {
+/// #         Ok(RuleVerdict::from_safe(context.values[0] >= self.0, context.values[0]))
+/// #     }
+/// # }
+/// # fn main() -> Result<()> {
+/// // `Home` is a learner that walks back to 0, `AtLeast` a rule; plugins are found by `plugin::Registry`.
+/// let spaces = Spaces { observation: Space::unbounded(1), action: Space::uniform(1, -1.0, 1.0) };
+/// let mut shield = DropIn::builder(spaces, Box::new(Home)).rule(Box::new(AtLeast(0.25))).build()?;
+///
+/// let mut position = 0.0_f32;
+/// for _ in 0..20 {
+///     let mut action = [0.5]; // What the policy proposes: ever further away.
+///     match shield.filter(&[position], &mut action)? {
+///         Decision::Abort(_) => println!("too far from home: {}", shield.reason()),
+///         Decision::Resetting => println!("on the way back"),
+///         _ => println!("allowed"),
+///     }
+///     position += action[0]; // The robot moves.
+///     let home = ResetSignal { reward: 1.0 - position.abs(), in_reset_set: position.abs() < 0.1 };
+///     shield.observe(&[position], Some(home), false)?;
+///     if shield.needs_hard_reset() {
+///         position = 0.0; // A person carries it home.
+///         shield.hard_reset_done(&[position])?;
+///     }
+///     assert!(position <= 1.0);
+/// }
+/// # Ok(())
+/// # }
+/// ```
 pub struct DropIn {
-    shield: Shield,
+    cycle: ResetCycle,
     task: Option<Box<dyn ResetTask>>,
-    learning: Option<Learning>,
-    hard_reset_cost: f64,
-    counters: Counters,
     figures: Figures,
-    /// In which the last action was decided, and what it became.
     observation: Vec<f32>,
-    executed: Vec<f32>,
-    /// An action was decided, and where it led was not yet observed.
-    is_deciding: bool,
-    is_placed: bool,
-    /// Something may have to be undone.
-    has_moved: bool,
-    is_in_forward_episode: bool,
-    reset_successes: u64,
 }
 
 impl DropIn {
-    /// Puts a shield into a loop. Without a `task`, every [`observe`](Self::observe) must say what "reset" means.
-    pub fn new(shield: Shield, task: Option<Box<dyn ResetTask>>) -> Self {
-        let (observation, action) = (shield.spaces().observation_len(), shield.spaces().action_len());
-        Self {
-            shield,
-            task,
-            learning: None,
-            hard_reset_cost: 1.0,
-            counters: Counters::default(),
-            figures: Figures::default(),
-            observation: vec![0.0; observation],
-            executed: vec![0.0; action],
-            is_deciding: false,
-            is_placed: false,
-            has_moved: false,
-            is_in_forward_episode: false,
-            reset_successes: 0,
-        }
+    /// Begins to describe a shield for an environment with these spaces, and the agent that undoes.
+    pub fn builder(spaces: Spaces, reset_agent: Box<dyn Learner>) -> DropInBuilder {
+        DropInBuilder::new(spaces, reset_agent)
     }
 
-    /// Lets the reset agent learn.
-    #[must_use]
-    pub fn learning(mut self, learning: Learning) -> Self {
-        self.learning = Some(learning);
-        self
-    }
-
-    /// What a hard reset costs. Default: 1.
-    #[must_use]
-    pub fn hard_reset_cost(mut self, cost: f64) -> Self {
-        self.hard_reset_cost = cost;
-        self
+    /// Puts a cycle with a ladder and a reset agent into a loop. Without a `task`, every [`observe`](Self::observe) must say what "reset" means.
+    ///
+    /// # Errors
+    /// The cycle has no ladder or no reset agent.
+    pub fn new(cycle: ResetCycle, task: Option<Box<dyn ResetTask>>) -> Result<Self> {
+        let (Some(ladder), Some(_)) = (&cycle.parts().ladder, &cycle.parts().reset) else {
+            return Err(Error::invalid_argument("a shield needs rules and a reset agent"));
+        };
+        let observation = vec![0.0; ladder.spaces().observation_len()];
+        Ok(Self { cycle, task, figures: Figures::default(), observation })
     }
 
     /// Everything is at its start, where `observation` is seen: before the first step, and after each hard reset.
     ///
     /// # Errors
-    /// The observation is not one, or the reset task failed. Then a hard reset is still needed.
+    /// The observation is invalid, or the reset task failed. Then a hard reset is still needed.
     pub fn hard_reset_done(&mut self, observation: &[f32]) -> Result<()> {
-        self.shield.require_hard_reset();
+        self.cycle.require_hard_reset(HardResetDue::Lost);
         check_finite("the observation after a reset", observation, self.observation.len())?;
         if let Some(task) = &mut self.task {
             task.observe_start(observation)?;
         }
-        if self.is_placed {
-            self.counters.hard_resets += 1;
-            self.counters.hard_reset_cost += self.hard_reset_cost;
-            if let Some(Learning { experience, cost_weight, .. }) = &mut self.learning {
-                experience.charge_last(AgentRole::Reset, *cost_weight * self.hard_reset_cost as f32);
-            }
+        if self.cycle.is_placed() {
+            self.cycle.count_hard_reset(1.0, true);
         }
-        self.shield.hard_reset_done();
-        (self.is_placed, self.has_moved, self.is_deciding) = (true, false, false);
-        self.is_in_forward_episode = false;
-        self.figures.episode_is_over(&self.counters, None)
+        self.cycle.placed();
+        self.figures.episode_is_over(self.cycle.counters(), None)
     }
 
     /// Decides on `action`, which afterwards holds what may be executed: the proposed action, a projected one, or the reset agent's. The
@@ -134,58 +130,47 @@ impl DropIn {
     /// # Errors
     /// A length is wrong, the shield is out of service, or the reset task failed: `action` holds the fallback action.
     pub fn filter(&mut self, observation: &[f32], action: &mut [f32]) -> Result<Decision> {
-        if !self.is_placed
+        let decided = self.decide(observation, action);
+        write_safe(self.cycle.action(), action);
+        let decision = decided?;
+        if self.cycle.is_broken() {
+            let reason = self.reason();
+            return Err(Error::failed(format!("the shield cannot decide any more: {reason}")));
+        }
+        Ok(decision)
+    }
+
+    fn decide(&mut self, observation: &[f32], action: &[f32]) -> Result<Decision> {
+        if !self.is_placed()
             && !self.needs_hard_reset()
             && check_finite("", observation, self.observation.len()).is_ok()
             && let Err(error) = self.hard_reset_done(observation)
         {
-            self.shield.refuse(Cause::AwaitsHardReset, action);
+            self.cycle.refuse(Cause::AwaitsHardReset);
             return Err(error);
         }
         // A rule that is told of such a decision would rightly refuse for ever.
         let lengths = check_length("the observation", observation, self.observation.len())
-            .and_then(|()| check_length("the action", action, self.executed.len()));
+            .and_then(|()| check_length("the action", action, self.spaces().action_len()));
         if let Err(error) = lengths {
-            self.shield.refuse(Cause::InvalidAction, action);
+            self.cycle.refuse(Cause::InvalidAction);
             return Err(error);
         }
-        let is_forward = self.shield.phase() == Phase::Forward;
-        let decision = self.shield.filter(observation, action);
-        if is_forward {
-            self.count(decision);
-        } else {
-            let has_failed = decision.abort().is_some_and(|abort| abort.cause.is_failure());
-            self.counters.failed_closed += u64::from(has_failed);
-        }
-        if self.shield.is_broken() {
-            return Err(Error::failed(format!(
-                "the shield cannot decide any more: {}",
-                self.shield.reason()
-            )));
-        }
-        self.is_deciding = true;
         self.observation.copy_from_slice(observation);
-        self.executed.copy_from_slice(action);
+        if self.cycle.turn() == AgentRole::Reset {
+            return Ok(self.cycle.act_to_reset_or_refuse(observation));
+        }
+        self.cycle.take_proposal(action);
+        if self.cycle.hard_reset_due().is_none() {
+            self.cycle.begin_episode();
+        }
+        let decision = self.cycle.decide(observation);
+        let is_intervention = self.cycle.hard_reset_due().is_none() && !self.cycle.is_broken();
+        if let Some(abort) = decision.abort().filter(|_| is_intervention) {
+            self.cycle.finish_aborted(abort.cause);
+            self.cycle.begin_episode();
+        }
         Ok(decision)
-    }
-
-    fn count(&mut self, decision: Decision) {
-        let awaits = |cause| cause == Cause::AwaitsHardReset;
-        if decision.abort().is_some_and(|abort| awaits(abort.cause)) {
-            return;
-        }
-        if !self.is_in_forward_episode {
-            self.is_in_forward_episode = true;
-            self.counters.forward_episodes += 1;
-        }
-        self.counters.warm_up_decisions += u64::from(decision == Decision::WarmUp);
-        self.counters.projections += u64::from(decision.projection().is_some());
-        if let Some(abort) = decision.abort() {
-            self.counters.early_aborts += 1;
-            self.counters.failed_closed += u64::from(abort.cause.is_failure());
-            self.counters.reset_episodes += 1;
-            self.is_in_forward_episode = false;
-        }
     }
 
     /// What was in the buffer after [`filter`](Self::filter) was executed and led to `next_observation`: it is stored, and the reset agent
@@ -200,48 +185,49 @@ impl DropIn {
         signal: Option<ResetSignal>,
         terminated: bool,
     ) -> Result<()> {
-        let observed = self.take_note(next_observation, signal, terminated);
-        if observed.is_err() {
-            self.shield.require_hard_reset();
-        }
-        observed
+        let outcome = self.signal(next_observation, signal).map(|signal| StepOutcome {
+            reset_reward: signal.reward,
+            in_reset_set: signal.in_reset_set,
+            terminated,
+            ..StepOutcome::default()
+        });
+        self.conclude(next_observation, outcome)
     }
 
-    fn take_note(
-        &mut self,
-        next_observation: &[f32],
-        signal: Option<ResetSignal>,
-        terminated: bool,
-    ) -> Result<()> {
-        if !std::mem::take(&mut self.is_deciding) {
-            return Err(Error::failed("nothing was decided: `filter` comes before each `observe`"));
+    /// As [`observe`](Self::observe), for an environment of the interface, which says what "reset" means itself.
+    pub(crate) fn observe_outcome(&mut self, next_observation: &[f32], outcome: &StepOutcome) -> Result<()> {
+        self.conclude(next_observation, Ok(*outcome))
+    }
+
+    fn conclude(&mut self, next_observation: &[f32], outcome: Result<StepOutcome>) -> Result<()> {
+        let concluded = outcome.and_then(|outcome| self.take_note(next_observation, &outcome));
+        if concluded.is_err() {
+            self.cycle.require_hard_reset(HardResetDue::Lost);
         }
-        check_finite("the observation after a step", next_observation, self.observation.len())?;
-        let signal = self.signal(next_observation, signal)?;
-        let in_charge = self.shield.phase();
-        self.counters.steps += 1;
-        self.counters.forward_steps += u64::from(in_charge == Phase::Forward);
-        self.has_moved = true;
-        let ended = self.shield.step_done(signal.in_reset_set);
-        self.remember(next_observation, signal, terminated, ended == Some(false));
-        self.learn(in_charge)?;
-        if terminated {
-            self.shield.require_hard_reset();
-        }
-        self.figures.step(in_charge, signal.reward);
-        if let Some(has_reset) = ended {
-            self.reset_successes += u64::from(has_reset);
-            self.has_moved = !has_reset;
-            // Another attempt may have begun at once.
-            self.counters.reset_episodes += u64::from(self.shield.phase() == Phase::Reset);
-            self.figures.episode_is_over(&self.counters, Some(has_reset))?;
+        concluded
+    }
+
+    fn take_note(&mut self, next_observation: &[f32], outcome: &StepOutcome) -> Result<()> {
+        let in_charge = self.phase();
+        let end = self.cycle.observe(next_observation, outcome)?;
+        self.figures.take();
+        self.figures.step(in_charge, outcome.reset_reward);
+        let Some(end) = end else { return Ok(()) };
+        let attempt = self.cycle.finish(end);
+        if in_charge == Phase::Reset {
+            if self.phase() == Phase::Reset && !self.needs_hard_reset() {
+                // Another attempt begins at once.
+                self.cycle.begin_episode();
+            }
+            self.figures.episode_is_over(self.cycle.counters(), Some(attempt.has_reset))?;
         }
         Ok(())
     }
 
     fn signal(&mut self, next_observation: &[f32], given: Option<ResetSignal>) -> Result<ResetSignal> {
+        check_finite("the observation after a step", next_observation, self.observation.len())?;
         let signal = match (&mut self.task, given) {
-            (Some(task), None) => task.evaluate(&self.observation, &self.executed, next_observation)?,
+            (Some(task), None) => task.evaluate(&self.observation, self.cycle.action(), next_observation)?,
             (None, Some(signal)) => signal,
             (None, None) => {
                 return Err(Error::failed(
@@ -258,79 +244,84 @@ impl DropIn {
         Ok(signal)
     }
 
-    fn remember(&mut self, next: &[f32], signal: ResetSignal, terminated: bool, has_failed: bool) {
-        let Some(Learning { experience, endings, masks, .. }) = &mut self.learning else { return };
-        let continues = endings.reset_continues(signal.in_reset_set, terminated, has_failed);
-        let transition = Transition {
-            observation: &self.observation,
-            action: &self.executed,
-            next_observation: next,
-            forward: None,
-            reset: Some(AgentShare { reward: signal.reward, continues }),
-        };
-        experience.push(&transition, masks);
-    }
-
-    fn learn(&mut self, in_charge: Phase) -> Result<()> {
-        let Some(Learning { experience, updates, updates_per_step, .. }) = &self.learning else {
-            return Ok(());
-        };
-        if *updates_per_step > 0 && (in_charge == Phase::Reset || *updates == Updates::Both) {
-            self.shield.learn(experience, *updates_per_step)?;
-            self.figures.take();
-        }
-        Ok(())
-    }
-
     /// Hands over to the reset agent although nothing was aborted: the task is done, or its time is up. Returns whether it is in charge: not
     /// if nothing was done since the last success, nor if a hard reset is needed.
     pub fn begin_reset(&mut self) -> bool {
-        if self.phase() == Phase::Forward && self.has_moved && !self.needs_hard_reset() {
-            self.shield.begin_reset();
-            self.counters.reset_episodes += 1;
+        let is_in_charge = self.cycle.begin_reset();
+        if is_in_charge {
+            self.cycle.begin_episode();
         }
-        self.is_in_forward_episode = false;
-        self.phase() == Phase::Reset
+        is_in_charge
     }
 
-    /// Nobody knows where the environment stands, or it cannot go on.
+    /// Where the environment stands is not known, or it cannot go on.
     pub fn require_hard_reset(&mut self) {
-        self.shield.require_hard_reset();
+        self.cycle.require_hard_reset(HardResetDue::Lost);
     }
+}
 
+/// What can be asked.
+impl DropIn {
     /// Who is in charge of the next step.
     pub fn phase(&self) -> Phase {
-        self.shield.phase()
+        match self.cycle.turn() {
+            AgentRole::Forward => Phase::Forward,
+            AgentRole::Reset => Phase::Reset,
+        }
     }
 
     /// Whether [`hard_reset_done`](Self::hard_reset_done) must come next: the reset agent has given up, or the environment has ended.
     pub fn needs_hard_reset(&self) -> bool {
-        self.shield.needs_hard_reset()
+        self.hard_reset_due().is_some()
+    }
+
+    /// Why nothing may move before a hard reset, if that is so.
+    pub fn hard_reset_due(&self) -> Option<HardResetDue> {
+        self.cycle.hard_reset_due()
     }
 
     /// Whether a start was ever observed.
     pub fn is_placed(&self) -> bool {
-        self.is_placed
+        self.cycle.is_placed()
+    }
+
+    /// Steps of the present episode.
+    pub fn episode_length(&self) -> u64 {
+        self.cycle.episode_length()
     }
 
     /// The spaces of the environment.
     pub fn spaces(&self) -> &Spaces {
-        self.shield.spaces()
+        self.ladder().spaces()
     }
 
-    /// The shield.
-    pub fn shield(&self) -> &Shield {
-        &self.shield
+    /// What a buffer holds where nothing better can be executed.
+    pub fn fallback_action(&self) -> &[f32] {
+        self.ladder().fallback_action()
+    }
+
+    /// Why the last action was rejected, for a person; empty if it was not.
+    pub fn reason(&self) -> &str {
+        self.ladder().reason()
+    }
+
+    /// What the rules were told of the last proposed action, and what they compared.
+    pub fn judgement(&self) -> &Judgement {
+        self.ladder().judgement()
+    }
+
+    fn ladder(&self) -> &Ladder {
+        self.cycle.ladder().expect("`new` refuses a cycle without a ladder")
     }
 
     /// Everything that was counted; what only an environment plugin knows stays 0.
-    pub fn counters(&self) -> Counters {
-        Counters { exploration_replaced: self.shield.exploration_replaced(), ..self.counters }
+    pub fn counters(&self) -> &Counters {
+        self.cycle.counters()
     }
 
     /// Mean of the reset ensemble's values of the action that was proposed last; NaN if no rule needed them.
     pub fn reset_value(&self) -> f32 {
-        let values = &self.shield.judgement().values;
+        let values = &self.judgement().values;
         values.iter().sum::<f32>() / values.len() as f32
     }
 
@@ -342,7 +333,7 @@ impl DropIn {
             ("forward_steps", counters.forward_steps),
             ("forward_episodes", counters.forward_episodes),
             ("reset_episodes", counters.reset_episodes),
-            ("reset_successes", self.reset_successes),
+            ("reset_successes", self.cycle.reset_successes()),
             ("early_aborts", counters.early_aborts),
             ("failed_closed", counters.failed_closed),
             ("projections", counters.projections),

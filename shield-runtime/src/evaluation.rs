@@ -11,7 +11,8 @@ use crate::{
     experiment::EvaluatedAgent,
     plugin::PluginState,
     record::{EvaluationRecord, Tally},
-    shield::{self, Ladder, Moment, restore_rules, save_rules},
+    cycle::{restore_rules, save_rules},
+    shield::{self, Ladder, Moment},
     world::Stepped,
 };
 
@@ -27,7 +28,7 @@ pub(crate) struct EvaluatorState {
 /// differ by the agent alone.
 pub struct Evaluator {
     batch: Batch,
-    shield: Option<Ladder>,
+    ladder: Option<Ladder>,
     agent: EvaluatedAgent,
     start: Option<String>,
     episodes: u32,
@@ -50,32 +51,32 @@ struct Episode {
 }
 
 impl Evaluator {
-    /// Evaluates `agent` in the worlds of `batch` over `episodes` episodes; through `shield`, with rules of its own, if there is one. Rules
-    /// follow one episode at a time: with a shield the batch must hold a single world.
+    /// Evaluates `agent` in the worlds of `batch` over `episodes` episodes; through `ladder`, with rules of its own, if there is one. Rules
+    /// follow one episode at a time: with a ladder the batch must hold a single world.
     ///
     /// # Errors
-    /// There is no world, or more than one for a shield.
+    /// There is no world, or more than one for a ladder.
     pub fn new(
         mut batch: Batch,
-        shield: Option<Ladder>,
+        ladder: Option<Ladder>,
         agent: EvaluatedAgent,
         start: Option<String>,
         episodes: u32,
         seed: u64,
     ) -> Result<Self> {
         let worlds = batch.lanes().len();
-        if worlds == 0 || (shield.is_some() && worlds > 1) {
+        if worlds == 0 || (ladder.is_some() && worlds > 1) {
             return Err(Error::invalid_argument(format!("{worlds} worlds cannot be evaluated in")));
         }
         let previous = batch.lanes()[0].action.clone();
-        Ok(Self { batch, shield, agent, start, episodes, seed, previous })
+        Ok(Self { batch, ladder, agent, start, episodes, seed, previous })
     }
 
     pub(crate) fn save(&mut self) -> Result<EvaluatorState> {
         let lanes = self.batch.lanes().iter();
         Ok(EvaluatorState {
             reset_tasks: lanes.map(|lane| lane.world.save_reset_task()).collect::<Result<_>>()?,
-            rules: save_rules(self.shield.as_mut())?,
+            rules: save_rules(self.ladder.as_mut())?,
         })
     }
 
@@ -83,7 +84,7 @@ impl Evaluator {
         for (lane, task) in self.batch.lanes().iter_mut().zip(&state.reset_tasks) {
             lane.world.restore_reset_task(task.as_ref())?;
         }
-        restore_rules(self.shield.as_mut(), &state.rules)
+        restore_rules(self.ladder.as_mut(), &state.rules)
     }
 
     /// One evaluation after `step` training steps.
@@ -155,11 +156,11 @@ impl Evaluator {
             (EvaluatedAgent::Reset, _, Some(reset)) => reset.act(observation, ActMode::Greedy, action)?,
             _ => return Err(Error::failed("the agent to be evaluated does not exist in this mode")),
         }
-        if let (Some(shield), Some(reset)) = (&mut self.shield, reset) {
+        if let (Some(ladder), Some(reset)) = (&mut self.ladder, reset) {
             let moment = Moment { step, observation, previous: has_previous.then_some(&self.previous) };
             let forward = forward.as_deref_mut().and_then(ForwardAgent::learner);
             // A rejected action is replaced by the reset agent's for this step: the shield as deployed.
-            shield.filter(shield::Agents { reset: &mut **reset, forward }, &moment, action);
+            ladder.filter(shield::Agents { reset: &mut **reset, forward }, &moment, action);
         }
         self.previous.copy_from_slice(action);
         Ok(())

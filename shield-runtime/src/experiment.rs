@@ -24,7 +24,7 @@ pub use config::{
     BetweenAttempts, CheckpointConfig, DropInConfig, Endings, EvaluatedAgent, EvaluationConfig,
     ExperienceConfig, Experiment, Forward, Mode, OnAbort, OnResetFailure, OnResetSuccess, OnWorkerFailure,
     PluginChoice, ProjectionConfig, QpConfig, RecordConfig, ResetAttempts, ResetTest, RuleConfig,
-    ShieldConfig, SpaceConfig, SpacesConfig, Unlimited, Updates, WorkerConfig,
+    ShieldConfig, SpaceConfig, SpacesConfig, Unlimited, Updates, WorkerConfig, cycle_settings,
 };
 pub use difference::{Difference, differences, first_difference};
 pub use drop_in::DropInFile;

@@ -1,20 +1,17 @@
-//! Films what a loop executes. The environment and the reset agent are shared between the loop and the camera, so that what is shown is
-//! what the shield decided, and nothing else changes.
+//! Films what a loop executes: an observer that draws the environment and asks the reset agent for values, and changes nothing.
 
 mod overlay;
 mod picture;
-mod shared;
 
 pub use picture::Picture;
-pub use shared::{SharedEnvironment, SharedLearner};
 
 use anyhow::{Context, Result};
 use embedded_graphics::pixelcolor::RgbColor;
-use shield_api::{Environment, Frame, Learner, Space};
+use shield_api::{Frame, Space, Spaces};
 
 use crate::{
     experience::AgentRole,
-    observer::Observer,
+    observer::{Observer, Scene, Step},
     record::{Counters, EpisodeRecord, Intervention},
 };
 use overlay::{Caption, Mark, ValueBar};
@@ -30,7 +27,7 @@ pub struct FilmSettings {
     pub size: Option<[usize; 2]>,
     /// Steps before the film begins.
     pub from: u64,
-    /// Every so manieth step is a picture.
+    /// Every n-th step is a picture.
     pub every: u64,
     /// The threshold beside which the reset value is shown, where there is one.
     pub q_min: Option<f32>,
@@ -45,8 +42,7 @@ const HARD_RESET_PICTURES: u32 = 6;
 
 /// Takes a picture of each step, with its phase, the reset value of what was executed, and marks of aborts and hard resets.
 pub struct Filmer<'a> {
-    environment: SharedEnvironment,
-    reset: Option<SharedLearner>,
+    spaces: Spaces,
     settings: FilmSettings,
     /// Takes each picture.
     sink: &'a mut dyn FnMut(&Picture) -> Result<()>,
@@ -60,21 +56,19 @@ pub struct Filmer<'a> {
 }
 
 impl<'a> Filmer<'a> {
-    /// A camera for an environment, and for the reset agent's values if there is one.
+    /// A camera for environments with these spaces, beside a reset agent of so many members; 0 where there is none.
     pub fn new(
-        environment: SharedEnvironment,
-        reset: Option<SharedLearner>,
+        spaces: Spaces,
+        members: usize,
         settings: FilmSettings,
         sink: &'a mut dyn FnMut(&Picture) -> Result<()>,
     ) -> Self {
-        let cells = match environment.spec().spaces.observation {
+        let cells = match spaces.observation {
             Space::Discrete { n } => n,
             Space::Box { .. } => 0,
         };
-        let members = reset.as_ref().map_or(0, |reset| reset.info().members);
         Self {
-            environment,
-            reset,
+            spaces,
             settings,
             sink,
             counters: Counters::default(),
@@ -85,22 +79,24 @@ impl<'a> Filmer<'a> {
         }
     }
 
-    /// Films a step that no loop made: `phase` says who acted.
+    /// Films a step that no loop made, from `observation` by `action`: `phase` says who acted.
     ///
     /// # Errors
     /// The environment cannot be drawn, or the picture cannot be written.
-    pub fn shoot(&mut self, phase: &'static str, step: u64) -> Result<()> {
-        let (observation, action) = self.environment.last_decision();
-        let value = self.value(&observation, &action);
-        self.picture(&Caption { phase, step, ..Caption::of(&self.counters) }, value, None, 1)
+    pub fn shoot(
+        &mut self,
+        phase: &'static str,
+        step: u64,
+        (observation, action): (&[f32], &[f32]),
+        scene: &mut Scene<'_>,
+    ) -> Result<()> {
+        let value = self.value(scene, observation, action);
+        self.picture(scene, &Caption { phase, step, ..Caption::of(&self.counters) }, value, None, 1)
     }
 
     /// Least, mean and largest value of an action over the reset agent's ensemble. A picture without is better than none.
-    fn value(&mut self, observation: &[f32], action: &[f32]) -> Option<ValueBar> {
-        let reset = self.reset.as_mut()?;
-        if action.is_empty() {
-            return None;
-        }
+    fn value(&mut self, scene: &mut Scene<'_>, observation: &[f32], action: &[f32]) -> Option<ValueBar> {
+        let reset = scene.reset.as_mut()?;
         reset.q_values(observation, action, &mut self.values).ok()?;
         let range = self.values.iter().fold([f32::INFINITY, f32::NEG_INFINITY], |range, value| {
             [range[0].min(*value), range[1].max(*value)]
@@ -111,14 +107,14 @@ impl<'a> Filmer<'a> {
     }
 
     /// For each observation of a discrete space the value of its best action, as a share of the largest possible.
-    fn value_map(&mut self) -> Vec<f32> {
-        let Space::Discrete { n: actions } = self.environment.spec().spaces.action else { return Vec::new() };
+    fn value_map(&mut self, scene: &mut Scene<'_>) -> Vec<f32> {
+        let Space::Discrete { n: actions } = self.spaces.action else { return Vec::new() };
         let mut one_hot = vec![0.0; self.aborts.len()];
         (0..one_hot.len())
             .map(|cell| {
                 one_hot.fill(0.0);
                 one_hot[cell] = 1.0;
-                let values = (0..actions).filter_map(|action| self.value(&one_hot, &[action as f32]));
+                let values = (0..actions).filter_map(|action| self.value(scene, &one_hot, &[action as f32]));
                 values.map(|bar| bar.mean).fold(f32::NAN, f32::max) / self.settings.largest_value
             })
             .collect()
@@ -129,31 +125,32 @@ impl<'a> Filmer<'a> {
         self.aborts.iter().map(|count| *count as f32 / most as f32).collect()
     }
 
-    fn draw(&mut self, shades: &[f32]) -> Result<Picture> {
-        // Kept: to some environments it is the size of a picture that they draw for the question.
-        let [width, height] = *self.settings.size.get_or_insert_with(|| self.environment.frame_size());
+    fn draw(&mut self, scene: &mut Scene<'_>, shades: &[f32]) -> Result<Picture> {
+        // Kept: some environments draw a picture to answer how large it is.
+        let [width, height] = *self.settings.size.get_or_insert_with(|| scene.world.frame_size());
         let mut picture = Picture::new(width, height);
         let mut frame = Frame::new(width, height, picture.pixels_mut())?.with_shades(shades);
-        self.environment.render(&mut frame).context("the environment was not drawn")?;
+        scene.world.render(&mut frame).context("the environment was not drawn")?;
         Ok(picture)
     }
 
     /// Draws, lays the caption under it, and hands it over so many times.
     fn picture(
         &mut self,
+        scene: &mut Scene<'_>,
         caption: &Caption,
         value: Option<ValueBar>,
         mark: Option<Mark>,
         times: u32,
     ) -> Result<()> {
-        let panels = if self.aborts.is_empty() || self.reset.is_none() {
-            vec![(String::new(), self.draw(&[])?)]
+        let panels = if self.aborts.is_empty() || scene.reset.is_none() {
+            vec![(String::new(), self.draw(scene, &[])?)]
         } else {
-            let (values, aborts) = (self.value_map(), self.abort_map());
+            let (values, aborts) = (self.value_map(scene), self.abort_map());
             let most = self.aborts.iter().max().copied().unwrap_or(0);
             vec![
-                (format!("reset value, 0 to {}", self.settings.largest_value), self.draw(&values)?),
-                (format!("early aborts, at most {most} a cell"), self.draw(&aborts)?),
+                (format!("reset value, 0 to {}", self.settings.largest_value), self.draw(scene, &values)?),
+                (format!("early aborts, at most {most} a cell"), self.draw(scene, &aborts)?),
             ]
         };
         let picture = overlay::compose(&panels, caption, value, mark);
@@ -169,8 +166,8 @@ impl<'a> Filmer<'a> {
 }
 
 impl Observer for Filmer<'_> {
-    fn on_step(&mut self, counters: &Counters) -> Result<()> {
-        let is_forward = counters.forward_steps > self.counters.forward_steps;
+    fn on_step(&mut self, step: &Step<'_>, scene: &mut Scene<'_>) -> Result<()> {
+        let counters = step.counters;
         let is_warm_up = counters.warm_up_decisions > self.counters.warm_up_decisions;
         self.counters = *counters;
         let is_projected = std::mem::take(&mut self.is_projected);
@@ -179,10 +176,10 @@ impl Observer for Filmer<'_> {
         {
             return Ok(());
         }
-        let phase = match (is_forward, is_warm_up) {
-            (true, true) => "FORWARD (warm-up)",
-            (true, false) => "FORWARD",
-            (false, _) => "RESET",
+        let phase = match (step.role, is_warm_up) {
+            (AgentRole::Forward, true) => "FORWARD (warm-up)",
+            (AgentRole::Forward, false) => "FORWARD",
+            (AgentRole::Reset, _) => "RESET",
         };
         let mark = if self.hard_reset_left > 0 {
             self.hard_reset_left -= 1;
@@ -190,12 +187,11 @@ impl Observer for Filmer<'_> {
         } else {
             is_projected.then_some(Mark::Projected)
         };
-        let (observation, action) = self.environment.last_decision();
-        let value = self.value(&observation, &action);
-        self.picture(&Caption { phase, ..Caption::of(counters) }, value, mark, 1)
+        let value = self.value(scene, step.observation, step.action);
+        self.picture(scene, &Caption { phase, ..Caption::of(counters) }, value, mark, 1)
     }
 
-    fn on_intervention(&mut self, intervention: &Intervention<'_>) -> Result<()> {
+    fn on_intervention(&mut self, intervention: &Intervention<'_>, scene: &mut Scene<'_>) -> Result<()> {
         if intervention.role != AgentRole::Forward {
             return Ok(());
         }
@@ -203,7 +199,7 @@ impl Observer for Filmer<'_> {
             self.is_projected = true;
             return Ok(());
         }
-        let observation = self.environment.observation();
+        let observation = scene.world.observation().to_vec();
         if let Some(cell) = observation.iter().position(|value| *value == 1.0)
             && let Some(count) = self.aborts.get_mut(cell)
         {
@@ -213,9 +209,9 @@ impl Observer for Filmer<'_> {
         if !self.is_filming(intervention.step + 1) {
             return Ok(());
         }
-        let value = self.value(&observation, intervention.proposed);
+        let value = self.value(scene, &observation, intervention.proposed);
         let caption = Caption { phase: "FORWARD", ..Caption::of(&self.counters) };
-        self.picture(&caption, value, Some(Mark::Abort), ABORT_PICTURES)
+        self.picture(scene, &caption, value, Some(Mark::Abort), ABORT_PICTURES)
     }
 
     fn on_episode(&mut self, episode: &EpisodeRecord, _counters: &Counters) -> Result<()> {

@@ -4,6 +4,7 @@ pub mod agent;
 mod allocations_ffi;
 pub mod batch;
 pub mod checkpoint;
+pub mod cycle;
 pub mod decision;
 pub mod drop_in;
 pub mod environment_check;

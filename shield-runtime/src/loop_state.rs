@@ -5,10 +5,10 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     agent::AgentState,
+    cycle::{CycleState, LearnedState},
     evaluation::EvaluatorState,
-    experience::AgentRole,
     plugin::{Metric, PluginState},
-    record::{Counters, Tally},
+    record::Counters,
     world::{World, WorldState},
 };
 
@@ -26,17 +26,11 @@ pub struct LoopRandomness {
 pub struct LoopState {
     pub(crate) counters: Counters,
     pub(crate) is_finished: bool,
-    pub(crate) turn: AgentRole,
-    pub(crate) tally: Tally,
-    pub(crate) failed_attempts: u32,
-    pub(crate) was_irreversible: bool,
-    pub(crate) previous: Option<Vec<f32>>,
+    pub(crate) cycle: CycleState,
     pub(crate) last_evaluation: Option<u64>,
     pub(crate) randomness: LoopRandomness,
     pub(crate) world: WorldState,
-    pub(crate) forward: Option<AgentState>,
-    pub(crate) reset: Option<AgentState>,
-    pub(crate) rules: Vec<PluginState>,
+    pub(crate) learned: LearnedState,
     pub(crate) evaluator: Option<EvaluatorState>,
     pub(crate) metrics: Vec<Metric>,
 }
@@ -69,15 +63,15 @@ impl LoopState {
         let evaluator = self.evaluator.as_ref();
         let mut all = vec![
             ("environment".to_owned(), self.world.environment.is_saved()),
-            ("forward".into(), agent(&self.forward)),
-            ("reset".into(), agent(&self.reset)),
+            ("forward".into(), agent(&self.learned.forward)),
+            ("reset".into(), agent(&self.learned.reset)),
             (
                 "reset_task".into(),
                 task(&self.world.reset_task)
                     && evaluator.is_none_or(|state| state.reset_tasks.iter().all(task)),
             ),
         ];
-        for (index, rule) in self.rules.iter().enumerate() {
+        for (index, rule) in self.learned.rules.iter().enumerate() {
             let in_evaluation = evaluator.and_then(|evaluator| evaluator.rules.get(index));
             let is_saved = rule.is_saved() && in_evaluation.is_none_or(PluginState::is_saved);
             all.push((format!("shield.rules[{index}]"), is_saved));

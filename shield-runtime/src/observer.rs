@@ -1,11 +1,14 @@
-//! Whoever takes what the loop reports.
+//! Receives the loop's events.
 
 use std::time::Duration;
 
+use shield_api::{Learner, StepOutcome};
+
 use crate::{
-    experience::Experience,
+    experience::{AgentRole, Experience},
     loop_state::LoopState,
     record::{Counters, DecisionRecord, EpisodeRecord, EvaluationRecord, Intervention},
+    world::World,
 };
 
 /// Why the state of a run is to be kept.
@@ -30,14 +33,37 @@ pub struct Snapshot<'a> {
     pub experience: &'a Experience,
 }
 
-/// Takes what the loop reports. Errors end the run: a result that cannot be written is not worth computing.
+/// A step of the loop.
+#[derive(Debug, Clone, Copy)]
+pub struct Step<'a> {
+    /// Everything that was counted, this step included.
+    pub counters: &'a Counters,
+    /// Whose action it was.
+    pub role: AgentRole,
+    /// What was observed before.
+    pub observation: &'a [f32],
+    /// The executed action.
+    pub action: &'a [f32],
+    /// What it led to.
+    pub outcome: &'a StepOutcome,
+}
+
+/// What an observer may look at: the environment after the event, and the agent that values actions.
+pub struct Scene<'a> {
+    /// The environment.
+    pub world: &'a mut World,
+    /// The reset agent's learner, if there is one.
+    pub reset: Option<&'a mut dyn Learner>,
+}
+
+/// Receives the loop's events. Errors end the run: a result that cannot be written is not worth computing.
 #[allow(unused_variables, reason = "the defaults name their arguments for whoever writes others")]
 pub trait Observer {
     /// After each environment step. Must be cheap.
     ///
     /// # Errors
     /// The observer cannot go on.
-    fn on_step(&mut self, counters: &Counters) -> anyhow::Result<()> {
+    fn on_step(&mut self, step: &Step<'_>, scene: &mut Scene<'_>) -> anyhow::Result<()> {
         Ok(())
     }
 
@@ -48,7 +74,11 @@ pub trait Observer {
     ///
     /// # Errors
     /// The observer cannot go on.
-    fn on_intervention(&mut self, intervention: &Intervention<'_>) -> anyhow::Result<()> {
+    fn on_intervention(
+        &mut self,
+        intervention: &Intervention<'_>,
+        scene: &mut Scene<'_>,
+    ) -> anyhow::Result<()> {
         Ok(())
     }
 
@@ -98,9 +128,9 @@ pub trait Observer {
 pub struct Fanout<A, B>(pub A, pub B);
 
 impl<A: Observer, B: Observer> Observer for Fanout<A, B> {
-    fn on_step(&mut self, counters: &Counters) -> anyhow::Result<()> {
-        self.0.on_step(counters)?;
-        self.1.on_step(counters)
+    fn on_step(&mut self, step: &Step<'_>, scene: &mut Scene<'_>) -> anyhow::Result<()> {
+        self.0.on_step(step, scene)?;
+        self.1.on_step(step, scene)
     }
 
     fn on_decision_time(&mut self, time: Duration) {
@@ -108,9 +138,13 @@ impl<A: Observer, B: Observer> Observer for Fanout<A, B> {
         self.1.on_decision_time(time);
     }
 
-    fn on_intervention(&mut self, intervention: &Intervention<'_>) -> anyhow::Result<()> {
-        self.0.on_intervention(intervention)?;
-        self.1.on_intervention(intervention)
+    fn on_intervention(
+        &mut self,
+        intervention: &Intervention<'_>,
+        scene: &mut Scene<'_>,
+    ) -> anyhow::Result<()> {
+        self.0.on_intervention(intervention, scene)?;
+        self.1.on_intervention(intervention, scene)
     }
 
     fn on_decision(&mut self, decision: &DecisionRecord<'_>) -> anyhow::Result<()> {

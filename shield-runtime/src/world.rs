@@ -4,7 +4,7 @@ use std::sync::atomic::Ordering;
 
 use serde::{Deserialize, Serialize};
 use shield_api::{
-    Environment, EnvironmentSpec, Error, ResetKind, ResetTask, Result, StepOutcome, check_finite,
+    Environment, EnvironmentSpec, Error, Frame, ResetKind, ResetTask, Result, StepOutcome, check_finite,
     check_length,
 };
 
@@ -55,6 +55,19 @@ impl World {
     /// The same world with something around its environment.
     pub fn map_environment(self, wrap: impl FnOnce(Box<dyn Environment>) -> Box<dyn Environment>) -> Self {
         Self { environment: wrap(self.environment), ..self }
+    }
+
+    /// Width and height of the environment's picture, as it chooses them.
+    pub fn frame_size(&self) -> [usize; 2] {
+        self.environment.frame_size()
+    }
+
+    /// Draws the environment.
+    ///
+    /// # Errors
+    /// It cannot be drawn.
+    pub fn render(&mut self, frame: &mut Frame<'_>) -> Result<()> {
+        self.environment.render(frame)
     }
 }
 

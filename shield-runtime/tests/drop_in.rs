@@ -4,15 +4,12 @@
 mod common;
 
 use common::{EPISODE, Rule, Scripted, spaces};
-use rand::SeedableRng;
-use rand_pcg::Pcg64;
 use shield_api::{AbortRule, Error, ErrorKind, Phase, ResetSignal, RuleVerdict, Space, Spaces};
 use shield_runtime::{
     decision::{Cause, Decision},
-    drop_in::{DropIn, Learning},
+    drop_in::{DropIn, DropInBuilder, Learning},
     experience::Experience,
     experiment::{DropInFile, Endings, OnResetFailure, OnResetSuccess, Override, Updates},
-    shield::{Shield, ShieldBuilder},
 };
 
 /// Rejects actions above a half.
@@ -20,13 +17,13 @@ fn moderate() -> Box<dyn AbortRule> {
     Rule::judging(|context| Ok(RuleVerdict::from_safe(context.proposed[0] <= 0.5, context.proposed[0])))
 }
 
-fn builder(agent: Scripted) -> ShieldBuilder {
-    Shield::builder(spaces(), Box::new(agent)).rule(moderate()).episode_length(EPISODE as u64)
+fn builder(agent: Scripted) -> DropInBuilder {
+    DropIn::builder(spaces(), Box::new(agent)).rule(moderate()).attempt_length(EPISODE as u64)
 }
 
 fn learning(updates: Updates, endings: Endings) -> Learning {
     let experience = Experience::new(100, &spaces(), [0, 1], 1.0).unwrap();
-    Learning { updates, endings, ..Learning::new(experience, 1, Pcg64::seed_from_u64(0)) }
+    Learning { updates, endings, ..Learning::new(experience, 1, 0) }
 }
 
 fn signal(cell: f32) -> Option<ResetSignal> {
@@ -54,7 +51,7 @@ fn metric(drop_in: &DropIn, wanted: &str) -> f64 {
 
 #[test]
 fn a_loop_is_counted_wrongly() {
-    let mut drop_in = DropIn::new(builder(Scripted::acting(|_, _| -1.0)).build().unwrap(), None);
+    let mut drop_in = builder(Scripted::acting(|_, _| -1.0)).build().unwrap();
     let mut cell = 0.0;
     for proposed in [0.5, 0.5, 0.5] {
         assert_eq!(step(&mut drop_in, &mut cell, proposed), Decision::Allow);
@@ -87,8 +84,7 @@ fn the_agent_learns_from_other_steps_or_ends_than_it_should() {
     ] {
         let agent = Scripted::acting(|_, _| 0.0);
         let seen = agent.seen.clone();
-        let shield = builder(agent).learning(1, 0).build().unwrap();
-        let mut drop_in = DropIn::new(shield, None).learning(learning(updates, endings));
+        let mut drop_in = builder(agent).learning(learning(updates, endings)).build().unwrap();
         let mut cell = 1.0;
         for _ in 0..2 {
             step(&mut drop_in, &mut cell, 0.5);
@@ -113,7 +109,7 @@ fn the_agent_learns_from_other_steps_or_ends_than_it_should() {
 
 #[test]
 fn what_goes_wrong_is_executed_over() {
-    let mut drop_in = DropIn::new(builder(Scripted::acting(|_, _| -1.0)).build().unwrap(), None);
+    let mut drop_in = builder(Scripted::acting(|_, _| -1.0)).build().unwrap();
     assert!(drop_in.observe(&[0.0], signal(0.0), false).is_err(), "nothing was decided");
     drop_in.hard_reset_done(&[0.0]).unwrap();
     for (next, given) in [
@@ -140,8 +136,8 @@ fn what_goes_wrong_is_executed_over() {
 #[test]
 fn a_broken_rule_aborts_for_ever_without_a_word() {
     let broken = Rule::judging(|_| Err(Error::new(ErrorKind::Panicked, "the rule panicked")));
-    let shield = Shield::builder(spaces(), Box::new(Scripted::acting(|_, _| -1.0))).rule(broken);
-    let mut drop_in = DropIn::new(shield.build().unwrap(), None);
+    let shield = DropIn::builder(spaces(), Box::new(Scripted::acting(|_, _| -1.0))).rule(broken);
+    let mut drop_in = shield.build().unwrap();
     let mut action = [0.5];
     let error = drop_in.filter(&[0.0], &mut action).unwrap_err();
     assert!(error.message().contains("cannot decide any more"), "{error}");
@@ -155,26 +151,26 @@ fn a_broken_rule_aborts_for_ever_without_a_word() {
 #[test]
 fn a_reset_agent_that_fails_is_not_counted_or_has_no_words() {
     let failing = Scripted::acting(|_, _| f32::NEG_INFINITY);
-    let mut drop_in = DropIn::new(builder(failing).build().unwrap(), None);
+    let mut drop_in = builder(failing).build().unwrap();
     let mut cell = 0.0;
     step(&mut drop_in, &mut cell, 0.5);
-    assert_eq!(drop_in.shield().reason(), "");
+    assert_eq!(drop_in.reason(), "");
     assert!(drop_in.begin_reset());
     let mut action = [0.5];
     let decision = drop_in.filter(&[cell], &mut action).unwrap();
     assert_eq!((decision.abort().unwrap().cause, action), (Cause::ResetFailed, [0.0]));
-    assert_eq!(drop_in.shield().reason(), "no action today");
+    assert_eq!(drop_in.reason(), "no action today");
     assert_eq!(metric(&drop_in, "failed_closed"), 1.0);
 }
 
 #[test]
 fn a_reason_outlives_its_action() {
-    let mut drop_in = DropIn::new(builder(Scripted::acting(|_, _| 0.25)).build().unwrap(), None);
+    let mut drop_in = builder(Scripted::acting(|_, _| 0.25)).build().unwrap();
     let mut cell = 0.0;
     step(&mut drop_in, &mut cell, 0.75);
-    assert_ne!(drop_in.shield().reason(), "");
+    assert_ne!(drop_in.reason(), "");
     assert_eq!(step(&mut drop_in, &mut cell, 0.75), Decision::Resetting);
-    assert_eq!(drop_in.shield().reason(), "");
+    assert_eq!(drop_in.reason(), "");
 }
 
 #[test]
@@ -182,26 +178,23 @@ fn the_file_of_another_shield_is_loaded_or_the_shield_goes_on_after_it() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("state");
     let agent = || Scripted::acting(|_, _| -1.0);
-    DropIn::new(builder(agent()).build().unwrap(), None).save(&file).unwrap();
-    let load = |shield: ShieldBuilder, learning: Option<Learning>| {
-        let mut drop_in = DropIn::new(shield.build().unwrap(), None);
-        if let Some(learning) = learning {
-            drop_in = drop_in.learning(learning);
-        }
+    builder(agent()).build().unwrap().save(&file).unwrap();
+    let load = |shield: DropInBuilder| {
+        let mut drop_in = shield.build().unwrap();
         drop_in.hard_reset_done(&[0.0]).unwrap();
         let loaded = drop_in.load(&file);
         assert!(drop_in.needs_hard_reset());
         loaded.map_err(|error| error.to_string())
     };
-    assert_eq!(load(builder(agent()), None), Ok(()));
-    let two = load(builder(agent()).rule(moderate()), None).unwrap_err();
+    assert_eq!(load(builder(agent())), Ok(()));
+    let two = load(builder(agent()).rule(moderate())).unwrap_err();
     assert!(two.contains("the states of 1 rules; here there are 2"), "{two}");
     let learning = learning(Updates::Both, Endings::default());
-    let learns = load(builder(agent()).learning(1, 0), Some(learning)).unwrap_err();
+    let learns = load(builder(agent()).learning(learning)).unwrap_err();
     assert!(learns.contains("this shield has a memory"), "{learns}");
     let spaces = Spaces { action: Space::Box { low: vec![-9.0], high: vec![9.0] }, ..spaces() };
-    let other = Shield::builder(spaces, Box::new(agent())).rule(moderate());
-    let other = load(other, None).unwrap_err();
+    let other = DropIn::builder(spaces, Box::new(agent())).rule(moderate());
+    let other = load(other).unwrap_err();
     assert!(other.contains("spaces with other bounds"), "{other}");
 }
 

@@ -1,12 +1,16 @@
 //! Every cause of a rejection is written and counted by its name.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
+mod common;
+
+use common::Line;
 use shield_runtime::{
     decision::{Abort, Cause},
     experience::AgentRole,
-    observer::Observer,
+    observer::{Observer, Scene},
     record::{Counters, Intervention},
     run::{Identity, Recorder, RunFolder},
+    world::World,
 };
 
 /// The cause after this one. A new variant does not compile here until it has its place.
@@ -39,6 +43,8 @@ fn a_cause_is_missing_from_the_table_or_the_summary() {
     let identity = Identity { experiment: "x".into(), variant: "default".into(), seed: 0 };
     let mut recorder = Recorder::new(folder, identity, vec!["the-rule".into()], 1.0).unwrap();
     let causes: Vec<Cause> = std::iter::successors(Some(Cause::Rejected), |cause| next(*cause)).collect();
+    let mut world = World::new(Box::new(Line::new()), None).unwrap();
+    let mut stage = Scene { world: &mut world, reset: None };
     for (step, cause) in causes.iter().enumerate() {
         let intervention = Intervention {
             step: step as u64,
@@ -49,7 +55,7 @@ fn a_cause_is_missing_from_the_table_or_the_summary() {
             projection: None,
             reason: "since, \"so\"",
         };
-        recorder.on_intervention(&intervention).unwrap();
+        recorder.on_intervention(&intervention, &mut stage).unwrap();
     }
     let summary = recorder.finish(&Counters::default(), 1, None).unwrap();
 

@@ -52,7 +52,7 @@ fn the_pit_costs_one_hard_reset_after_n_failed_attempts() {
     // A cycle: 6 forward steps into the pit, then attempts of 6 steps each with forward episodes between them.
     for (attempts, expected) in [(Some(1), 10), (Some(2), 5), (Some(5), 2), (None, 0)] {
         let mut scene = Scene::new(120);
-        scene.settings.reset_attempts = attempts;
+        scene.settings.cycle.reset_attempts = attempts;
         let (counters, _) = scene.run();
         assert_eq!(counters.hard_resets, expected, "{attempts:?} attempts");
         assert_eq!(counters.irreversible_entries, expected.max(1));
@@ -63,8 +63,8 @@ fn the_pit_costs_one_hard_reset_after_n_failed_attempts() {
 fn between_attempts_lies_a_forward_episode_or_nothing() {
     for (between, forward_episodes) in [(BetweenAttempts::Forward, 3), (BetweenAttempts::Reset, 1)] {
         let mut scene = Scene::new(if between == BetweenAttempts::Forward { 36 } else { 24 });
-        scene.settings.reset_attempts = Some(3);
-        scene.settings.between_attempts = between;
+        scene.settings.cycle.reset_attempts = Some(3);
+        scene.settings.cycle.between_attempts = between;
         let (counters, notebook) = scene.run();
         assert_eq!((counters.hard_resets, counters.reset_episodes), (1, 3), "{between:?}");
         assert_eq!(counters.forward_episodes, forward_episodes);
@@ -83,8 +83,8 @@ fn a_reset_episode_counts_by_any_visited_state_or_by_its_last() {
             steps += 1;
             if steps <= 3 { -1.0 } else { 1.0 }
         }));
-        scene.settings.stop_on_reset = false;
-        scene.settings.reset_test = test;
+        scene.settings.cycle.stop_on_reset = false;
+        scene.settings.cycle.reset_test = test;
         let (counters, notebook) = scene.run();
         assert_eq!(counters.hard_resets, hard_resets, "{test:?}");
         assert_eq!(notebook.episodes[1].length, EPISODE as u64);
@@ -96,7 +96,7 @@ fn stop_on_reset_ends_the_reset_episode_at_the_reset_set() {
     for (stop, length) in [(true, 2), (false, EPISODE as u64)] {
         let mut scene = Scene::new(2 * EPISODE as u64);
         scene.forward = forward_learner(Scripted::acting(|cell, _| if cell < 2.0 { 1.0 } else { -1.0 }));
-        scene.settings.stop_on_reset = stop;
+        scene.settings.cycle.stop_on_reset = stop;
         let (_, notebook) = scene.run();
         assert_eq!((notebook.episodes[0].length, notebook.episodes[1].length), (6, length));
     }
@@ -106,7 +106,7 @@ fn stop_on_reset_ends_the_reset_episode_at_the_reset_set() {
 fn the_modes_reset_as_they_say() {
     let run = |mode: Mode| {
         let mut scene = Scene::new(60);
-        scene.settings.mode = mode;
+        scene.settings.cycle.mode = mode;
         let resets = scene.line.resets.clone();
         let (counters, notebook) = scene.run();
         (counters, notebook, resets.lock().unwrap().clone())
@@ -129,7 +129,7 @@ fn the_modes_reset_as_they_say() {
 fn a_terminated_environment_is_reset_at_once_and_the_end_is_terminal_for_both() {
     let mut scene = Scene::new(20);
     scene.line.terminates_at = Some(2);
-    scene.settings.updates = Updates::Both;
+    scene.settings.cycle.updates = Updates::Both;
     let forward = Scripted::acting(|_, _| 1.0);
     let (seen, seen_by_reset) = (forward.seen.clone(), scene.reset.as_ref().unwrap().seen.clone());
     scene.forward = forward_learner(forward);
@@ -150,8 +150,8 @@ fn a_terminated_environment_is_reset_at_once_and_the_end_is_terminal_for_both() 
 /// Continuation flags that the reset agent saw in one forward and one reset episode, with `Updates::Both`.
 fn reset_continuations(endings: Endings, falls: bool) -> Vec<f32> {
     let mut scene = Scene::new(if falls { 12 } else { 8 });
-    scene.settings.updates = Updates::Both;
-    scene.settings.endings = endings;
+    scene.settings.cycle.updates = Updates::Both;
+    scene.settings.cycle.endings = endings;
     let target = if falls { 9.0 } else { 2.0 };
     scene.forward = forward_learner(Scripted::acting(move |cell, _| if cell < target { 1.0 } else { -1.0 }));
     let seen = scene.reset.as_ref().unwrap().seen.clone();
@@ -197,8 +197,8 @@ fn forward_time_outs_and_aborts_bootstrap() {
 fn told_of_aborts(on_abort: OnAbort, rules: Vec<Box<dyn AbortRule>>) -> (Vec<(f32, f32)>, usize) {
     let mut scene = Scene::new(60);
     scene.rules = rules;
-    scene.settings.on_abort = on_abort;
-    scene.settings.updates = Updates::Both;
+    scene.settings.cycle.on_abort = on_abort;
+    scene.settings.cycle.updates = Updates::Both;
     scene.capacity = 100;
     let forward = Scripted::acting(|_, _| 1.0);
     let (seen, by_reset) = (forward.seen.clone(), scene.reset.as_ref().unwrap().seen.clone());
@@ -235,8 +235,8 @@ fn the_forward_agent_is_blamed_for_a_rule_that_fails() {
 fn the_kinds_of_hard_resets_cost_the_same_or_are_not_learned_from() {
     let mut scene = Scene::new(60);
     scene.line.kinds = vec![("line", 2.0), ("pit", 10.0)];
-    scene.settings.hard_reset_cost = 3.0;
-    scene.settings.cost_weight = 0.5;
+    scene.settings.cycle.hard_reset_cost = 3.0;
+    scene.settings.cycle.cost_weight = 0.5;
     scene.capacity = 100;
     let seen = scene.reset.as_ref().unwrap().seen.clone();
     let (counters, notebook) = scene.run();
@@ -247,7 +247,7 @@ fn the_kinds_of_hard_resets_cost_the_same_or_are_not_learned_from() {
     assert!(seen.lock().unwrap().iter().any(|row| row.0 == -15.0), "the cost is not learned from");
 
     let mut alike = Scene::new(60);
-    alike.settings.hard_reset_cost = 3.0;
+    alike.settings.cycle.hard_reset_cost = 3.0;
     let (counters, notebook) = alike.run();
     assert_eq!(counters.hard_reset_cost, 3.0 * counters.hard_resets as f64);
     assert!(
@@ -284,7 +284,7 @@ fn the_phase_is_the_wrong_one_or_exploration_is_judged_without_the_forward_value
     rule.needs.values = true;
     let mut scene = Scene::new(24);
     scene.rules = vec![Box::new(rule)];
-    scene.settings.shield_exploration = true;
+    scene.settings.cycle.shield_exploration = true;
     scene.forward = forward_learner(Scripted::acting(|_, _| 1.0).valuing(1, |_, action| vec![10.0 * action]));
     scene.run();
     let told = told.lock().unwrap();
@@ -298,7 +298,7 @@ fn the_phase_is_the_wrong_one_or_exploration_is_judged_without_the_forward_value
 fn the_agent_in_charge_learns_or_both_do_each_with_its_own_reward() {
     for (updates, forward_updates, reset_updates) in [(Updates::Active, 6, 6), (Updates::Both, 12, 12)] {
         let mut scene = Scene::new(12);
-        scene.settings.updates = updates;
+        scene.settings.cycle.updates = updates;
         let forward = Scripted::acting(|_, _| 1.0);
         let (by_forward, by_reset) = (forward.seen.clone(), scene.reset.as_ref().unwrap().seen.clone());
         scene.forward = forward_learner(forward);
@@ -314,7 +314,7 @@ fn the_agent_in_charge_learns_or_both_do_each_with_its_own_reward() {
 #[test]
 fn updates_per_step_are_made() {
     let mut scene = Scene::new(12);
-    scene.settings.updates_per_step = 3;
+    scene.settings.cycle.updates_per_step = 3;
     let seen = scene.reset.as_ref().unwrap().seen.clone();
     scene.run();
     assert_eq!(seen.lock().unwrap().len(), 18);
@@ -342,7 +342,7 @@ fn nothing_is_aborted_in_the_warm_up() {
     let mut scene = Scene::new(24);
     scene.rules = vec![Rule::below(5.0)];
     scene.warm_up_steps = 12;
-    scene.settings.reset_attempts = Some(1);
+    scene.settings.cycle.reset_attempts = Some(1);
     let (counters, notebook) = scene.run();
     assert_eq!(counters.warm_up_decisions, 6);
     assert!(notebook.interventions.iter().all(|intervention| intervention.0 >= 12));
@@ -354,7 +354,7 @@ fn shielded_exploration_falls_back_to_the_greedy_action() {
     let run = |is_shielded| {
         let mut scene = Scene::new(12);
         scene.rules = no_pit();
-        scene.settings.shield_exploration = is_shielded;
+        scene.settings.cycle.shield_exploration = is_shielded;
         scene.forward = forward_learner(Scripted::acting(|_, _| 1.0));
         // Explores towards the pit; would greedily go back.
         scene.reset = Some(Scripted::acting(|_, mode| if mode == ActMode::Explore { 1.0 } else { -1.0 }));
@@ -500,7 +500,7 @@ fn a_rule_that_panicked_ends_the_run_and_its_action_is_not_executed() {
 fn an_action_outside_the_space_is_not_executed_in_any_mode() {
     for mode in [Mode::StatusQuo, Mode::ForwardOnly, Mode::ResetOnly { start: None }] {
         let mut scene = Scene::new(100);
-        scene.settings.mode = mode;
+        scene.settings.cycle.mode = mode;
         scene.forward = forward_learner(Scripted::acting(|_, _| 1.5));
         scene.reset = Some(Scripted::acting(|_, _| 1.5));
         let log = scene.line.log.clone();
@@ -546,7 +546,7 @@ fn not_one_unapproved_action_reaches_the_world() {
         Rule::judging(|context| Ok(RuleVerdict::from_safe(context.proposed[0] < 0.9, 0.0))),
     ];
     let log = scene.line.log.clone();
-    scene.settings.updates_per_step = 0;
+    scene.settings.cycle.updates_per_step = 0;
     let (counters, notebook) = scene.run();
     assert_eq!(counters.steps, 1_000_000);
 

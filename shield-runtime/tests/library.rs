@@ -4,15 +4,13 @@
 mod common;
 
 use common::{EPISODE, Line, PIT, Rule, Scripted, spaces};
-use rand::SeedableRng;
-use rand_pcg::Pcg64;
-use shield_api::{AbortRule, Environment, Phase, RuleVerdict};
+use shield_api::{AbortRule, Phase, ResetSignal, RuleVerdict};
 use shield_runtime::{
+    cycle::HardResetDue,
     decision::{Cause, Decision},
-    drop_in::Learning,
+    drop_in::{DropIn, DropInBuilder, Learning},
     experience::Experience,
-    shield::{Shield, ShieldBuilder},
-    shielded::Shielded,
+    shielded::{Shielded, ShieldedStep, StepEnd},
 };
 
 /// Rejects what leads into the pit.
@@ -28,17 +26,22 @@ fn homing() -> Scripted {
     Scripted::acting(|_, _| -1.0)
 }
 
-fn builder(agent: Scripted) -> ShieldBuilder {
-    Shield::builder(spaces(), Box::new(agent)).rule(no_pit()).episode_length(EPISODE as u64)
+fn builder(agent: Scripted) -> DropInBuilder {
+    DropIn::builder(spaces(), Box::new(agent)).rule(no_pit()).attempt_length(EPISODE as u64)
+}
+
+/// Cell 0 is home.
+fn signal(cell: f32) -> Option<ResetSignal> {
+    Some(ResetSignal { reward: 1.0 - cell / 10.0, in_reset_set: cell == 0.0 })
 }
 
 #[test]
-fn a_program_that_obeys_the_buffer_falls_or_is_not_taken_back() {
+fn a_program_that_obeys_the_buffer_does_not_fall_and_is_taken_back() {
     let mut shield = builder(homing()).build().unwrap();
     let (mut cell, mut seen) = (0.0_f32, Vec::new());
     for _ in 0..14 {
         let mut action = [1.0];
-        let decision = shield.filter(&[cell], &mut action);
+        let decision = shield.filter(&[cell], &mut action).unwrap();
         seen.push(match decision {
             Decision::Allow => 'f',
             Decision::Abort(_) => 'a',
@@ -46,65 +49,74 @@ fn a_program_that_obeys_the_buffer_falls_or_is_not_taken_back() {
             other => panic!("{other:?}"),
         });
         cell = (cell + action[0]).max(0.0);
-        shield.step_done(cell == 0.0);
+        shield.observe(&[cell], signal(cell), false).unwrap();
         assert!(cell < PIT as f32 && !shield.needs_hard_reset());
     }
     assert_eq!(seen.into_iter().collect::<String>(), "fffarrfffarrff");
 }
 
 #[test]
-fn nothing_tells_that_the_reset_agent_has_given_up_or_it_goes_on_all_the_same() {
+fn a_reset_agent_that_has_given_up_is_not_followed() {
     // It walks the wrong way.
     let lost = || Scripted::acting(|_, _| 0.5);
+    let step = |shield: &mut DropIn| {
+        let mut action = [0.0];
+        let decision = shield.filter(&[1.0], &mut action).unwrap();
+        shield.observe(&[1.0], signal(1.0), false).unwrap();
+        (decision, action)
+    };
     for (limit, episodes) in [(Some(1), 1), (Some(3), 3)] {
         let mut shield = builder(lost()).reset_attempts(limit).build().unwrap();
+        assert_eq!(step(&mut shield).0, Decision::Allow);
         for episode in 0..episodes {
             assert!(!shield.needs_hard_reset(), "after {episode} episodes of {limit:?}");
             shield.begin_reset();
             for _ in 0..EPISODE {
                 assert_eq!(shield.phase(), Phase::Reset);
-                let mut action = [0.0];
-                assert_eq!(shield.filter(&[1.0], &mut action), Decision::Resetting);
-                assert_eq!(action, [0.5]);
-                shield.step_done(false);
+                assert_eq!(step(&mut shield), (Decision::Resetting, [0.5]));
             }
         }
-        assert!(shield.needs_hard_reset());
+        assert_eq!(shield.hard_reset_due(), Some(HardResetDue::CycleOver));
         let mut action = [0.25];
-        let abort = shield.filter(&[0.0], &mut action).abort().unwrap();
+        let abort = shield.filter(&[0.0], &mut action).unwrap().abort().unwrap();
         assert_eq!((abort.cause, action), (Cause::AwaitsHardReset, [0.0]));
-        shield.hard_reset_done();
+        shield.hard_reset_done(&[0.0]).unwrap();
         assert!(!shield.needs_hard_reset());
-        assert_eq!(shield.filter(&[0.0], &mut [0.25]), Decision::Allow);
+        assert_eq!(shield.filter(&[0.0], &mut [0.25]).unwrap(), Decision::Allow);
     }
     let mut patient = builder(lost()).reset_attempts(None).build().unwrap();
+    step(&mut patient);
     for _ in 0..5 * EPISODE {
         patient.begin_reset();
-        patient.step_done(false);
+        step(&mut patient);
         assert!(!patient.needs_hard_reset());
     }
 }
 
 #[test]
-fn a_reset_agent_without_an_action_moves_the_robot() {
+fn a_reset_agent_without_an_action_gives_way_to_the_fallback() {
+    let in_attempt = |agent: Scripted| {
+        let mut shield = builder(agent).fallback_action(vec![-0.25]).build().unwrap();
+        shield.filter(&[1.0], &mut [0.0]).unwrap();
+        shield.observe(&[1.0], signal(1.0), false).unwrap();
+        assert!(shield.begin_reset());
+        shield
+    };
     for bad in [f32::NAN, f32::NEG_INFINITY, 1.5] {
-        let mut shield =
-            builder(Scripted::acting(move |_, _| bad)).fallback_action(vec![-0.25]).build().unwrap();
-        shield.begin_reset();
+        let mut shield = in_attempt(Scripted::acting(move |_, _| bad));
         let mut action = [0.9];
-        let abort = shield.filter(&[0.0], &mut action).abort().unwrap();
+        let abort = shield.filter(&[0.0], &mut action).unwrap().abort().unwrap();
         assert_eq!((abort.cause, action), (Cause::ResetFailed, [-0.25]), "{bad}");
     }
-    let mut shield = builder(homing()).build().unwrap();
-    shield.begin_reset();
-    assert!(shield.filter(&[f32::NAN], &mut [0.0]).abort().is_some());
+    let mut shield = in_attempt(homing());
+    assert!(shield.filter(&[f32::NAN], &mut [0.0]).unwrap().abort().is_some());
 }
 
 #[test]
 fn a_shield_that_cannot_be_is_built() {
-    assert!(Shield::builder(spaces(), Box::new(homing())).build().is_err(), "without a rule");
+    assert!(DropIn::builder(spaces(), Box::new(homing())).build().is_err(), "without a rule");
     assert!(builder(homing()).reset_attempts(Some(0)).build().is_err());
-    assert!(builder(homing()).episode_length(0).build().is_err());
+    assert!(builder(homing()).attempt_length(0).build().is_err());
     assert!(builder(homing()).fallback_action(vec![2.0]).build().is_err());
 }
 
@@ -114,26 +126,26 @@ fn an_agent_in_a_shielded_environment_falls_or_costs_a_hard_reset() {
     let (log, resets) = (line.log.clone(), line.resets.clone());
     let agent = homing();
     let seen = agent.seen.clone();
-    let shield = builder(agent).learning(1, 7).build().unwrap();
     let experience = Experience::new(10, &spaces(), [0, 1], 1.0).unwrap();
-    let learning = Learning::new(experience, 2, Pcg64::seed_from_u64(3));
-    let mut line = Shielded::new(line, None, shield).unwrap().learning(learning);
+    let learning = Learning { updates_per_step: 2, ..Learning::new(experience, 1, 7) };
+    let mut line = Shielded::new(line, None, builder(agent).learning(learning).build().unwrap()).unwrap();
     let mut observation = [f32::NAN];
-    let mut terminations = 0;
+    let mut aborts = 0;
     line.reset(0, &mut observation).unwrap();
     for _ in 0..40 {
         let before = observation;
-        let outcome = line.step(&[1.0], &mut observation).unwrap();
-        assert!(!outcome.irreversible);
-        if outcome.terminated {
-            terminations += 1;
-            assert!(matches!(line.last_decision(), Some(Decision::Abort(_))));
+        let ShieldedStep { outcome, end, decision, reason } = line.step(&[1.0], &mut observation).unwrap();
+        assert!(!outcome.irreversible && end != StepEnd::Terminated);
+        assert_eq!(reason.is_empty(), end == StepEnd::Continues);
+        if end == StepEnd::Truncated {
+            aborts += 1;
+            assert!(matches!(decision, Decision::Abort(_)));
             assert_eq!((observation, outcome.forward_reward), (before, 0.0), "it was executed");
-            line.reset(terminations, &mut observation).unwrap();
+            line.reset(aborts, &mut observation).unwrap();
             assert_eq!(observation, [0.0]);
         }
     }
-    assert_eq!((terminations, line.hard_resets(), resets.lock().unwrap().len()), (10, 0, 1));
+    assert_eq!((aborts, line.hard_resets(), resets.lock().unwrap().len()), (10, 0, 1));
     let log = log.lock().unwrap();
     assert_eq!(seen.lock().unwrap().len(), 2 * log.len(), "it learns from every step");
     assert!(log.iter().all(|(cell, action)| *cell < PIT - 1 || *action < 0.0));
@@ -155,7 +167,7 @@ fn a_shielded_environment_is_not_reset_when_the_reset_agent_has_given_up() {
     ending.terminates_at = Some(1);
     let mut ending = Shielded::new(ending, None, builder(homing()).build().unwrap()).unwrap();
     ending.reset(0, &mut observation).unwrap();
-    assert!(ending.step(&[1.0], &mut observation).unwrap().terminated);
+    assert_eq!(ending.step(&[1.0], &mut observation).unwrap().end, StepEnd::Terminated);
     ending.reset(1, &mut observation).unwrap();
     assert_eq!((ending.hard_resets(), observation), (1, [0.0]));
 }

@@ -5,7 +5,7 @@ mod common;
 
 use std::{sync::Arc, sync::Mutex, time::Duration};
 
-use common::{Scene, Scripted};
+use common::{Line, Scene, Scripted};
 use shield_api::{
     AbortRule, ActMode, Batch, Checkpoint, Error, Learner, LearnerInfo, Needs, ObservedDecision, Reason,
     Result, Rows, RuleContext, RuleVerdict, Space, Spaces,
@@ -14,13 +14,14 @@ use shield_runtime::{
     decision::{Abort, Cause, Decision, Projection, ProjectionKind},
     experience::AgentRole,
     experiment::{ProjectionConfig, QpConfig},
-    observer::Observer,
+    observer::{Observer, Scene as Stage},
     record::{Counters, Intervention},
     run::{Identity, Recorder, RunFolder},
     shield::{
         Agents, Ladder, LadderSettings, Moment, RuleTree,
         solver::{Outcome, Program, Solver},
     },
+    world::World,
 };
 
 const BAD: [f32; 3] = [f32::NAN, f32::INFINITY, f32::NEG_INFINITY];
@@ -459,10 +460,15 @@ fn a_projection_is_missing_from_the_results_of_a_run() {
         projection: Some(projection),
         reason: "too low",
     };
-    recorder.on_intervention(&row).unwrap();
+    let mut world = World::new(Box::new(Line::new()), None).unwrap();
+    let mut stage = Stage { world: &mut world, reset: None };
+    recorder.on_intervention(&row, &mut stage).unwrap();
     let infeasible = Abort { cause: Cause::Infeasible, ..rejection };
     recorder
-        .on_intervention(&Intervention { abort: infeasible, projection: None, executed: None, ..row })
+        .on_intervention(
+            &Intervention { abort: infeasible, projection: None, executed: None, ..row },
+            &mut stage,
+        )
         .unwrap();
     let counters = Counters { projections: 3, ..Counters::default() };
     let summary = recorder.finish(&counters, 10, None).unwrap();

@@ -6,7 +6,7 @@ use std::{fs, process::Output, sync::atomic::AtomicBool};
 use shield_api::{Environment, Learner};
 use shield_runtime::{
     experiment::ExperimentFile,
-    film::{FilmSettings, Filmer, Picture, SharedEnvironment, SharedLearner},
+    film::{FilmSettings, Filmer, Picture},
     joint_loop::JointLoop,
     observer::Observer,
     plugin::{Registry, SearchPath},
@@ -36,7 +36,7 @@ fn prepared(steps: u64) -> Prepared {
 fn finish(prepared: Prepared, observer: &mut dyn Observer) -> Counters {
     let stop = AtomicBool::new(false);
     let mut joint =
-        JointLoop::new(prepared.settings, prepared.participants, prepared.randomness, observer, &stop);
+        JointLoop::new(prepared.settings, prepared.participants, prepared.resets, observer, &stop);
     joint.run().unwrap();
     *joint.counters()
 }
@@ -46,16 +46,9 @@ fn a_camera_changes_the_run_or_misses_a_step() {
     const STEPS: u64 = 600;
     let unfilmed = finish(prepared(STEPS), &mut Silent);
 
-    let mut prepared = prepared(STEPS);
-    let (mut environment, mut reset) = (None, None);
-    prepared.participants.world = prepared.participants.world.map_environment(|inner| {
-        Box::new(environment.insert(SharedEnvironment::new(inner)).clone()) as Box<dyn Environment>
-    });
-    prepared.participants.reset = prepared.participants.reset.map(|agent| {
-        agent.map_learner(|inner| {
-            Box::new(reset.insert(SharedLearner::new(inner)).clone()) as Box<dyn Learner>
-        })
-    });
+    let prepared = prepared(STEPS);
+    let spaces = prepared.participants.world.spec().spaces.clone();
+    let members = prepared.participants.agents.reset.as_ref().map_or(0, |agent| agent.info().members);
     let mut pictures: Vec<Picture> = Vec::new();
     let mut sink = |picture: &Picture| {
         pictures.push(picture.clone());
@@ -63,7 +56,7 @@ fn a_camera_changes_the_run_or_misses_a_step() {
     };
     let settings =
         FilmSettings { size: Some([60, 60]), from: 0, every: 1, q_min: Some(0.4), largest_value: 1.0 };
-    let mut filmer = Filmer::new(environment.unwrap(), reset, settings, &mut sink);
+    let mut filmer = Filmer::new(spaces, members, settings, &mut sink);
     let filmed = finish(prepared, &mut filmer);
     assert_eq!(filmed, unfilmed);
     assert!(filmed.early_aborts > 0, "nothing was aborted, so no mark was drawn");

@@ -35,8 +35,8 @@ fn check(sets: &[&str]) {
     let mut participants = restore(&registry, &run, &[]).unwrap().prepared.participants;
     let spaces = participants.world.spec().spaces.clone();
     let mut rng = Pcg64::seed_from_u64(1);
-    let forward = participants.forward.as_mut().and_then(|agent| agent.learner()).unwrap();
-    let reset = participants.reset.as_mut().map(|agent| agent.learner()).unwrap();
+    let forward = participants.agents.forward.as_mut().and_then(|agent| agent.learner()).unwrap();
+    let reset = participants.agents.reset.as_mut().map(|agent| agent.learner()).unwrap();
     for (name, learner) in [("forward", forward), ("reset", reset)] {
         let config = format!("(path: {:?})", path.join(format!("out/{name}.onnx")));
         let setup = Setup::with_spaces(0, 1, Host::silent(), spaces.clone());

@@ -13,7 +13,7 @@ use std::{
 
 use shield_runtime::{
     experiment::{ExperimentFile, Override, Variant},
-    observer::Observer,
+    observer::{Observer, Scene, Step},
     plugin::{Registry, SearchPath},
     record::{Counters, EvaluationRecord},
     run::{Identity, Order, RunFolder, Standing, restore},
@@ -96,7 +96,8 @@ struct Saboteur<'a> {
 }
 
 impl Observer for Saboteur<'_> {
-    fn on_step(&mut self, counters: &Counters) -> anyhow::Result<()> {
+    fn on_step(&mut self, step: &Step<'_>, _: &mut Scene<'_>) -> anyhow::Result<()> {
+        let counters = step.counters;
         match self.sabotage {
             Sabotage::Stop(step) if counters.steps == step => self.stop.store(true, Ordering::Relaxed),
             Sabotage::Crash(step) => anyhow::ensure!(counters.steps != step, "crash"),

@@ -124,10 +124,10 @@ fn settings(arguments: &EvalArguments) -> Result<Override, Failure> {
 fn evaluate(restored: Restored, folder: &RunFolder, episodes: u32) -> Result<Evaluated, Failure> {
     let Restored { identity, prepared, state, .. } = restored;
     let mut participants = prepared.participants;
-    let (Some(evaluator), forward) = (&mut participants.evaluator, participants.forward.as_mut()) else {
+    let (Some(evaluator), forward) = (&mut participants.evaluator, participants.agents.forward.as_mut()) else {
         return Err(Failure::Run("the experiment has no evaluation".into()));
     };
-    let reset = participants.reset.as_mut().map(Agent::learner);
+    let reset = participants.agents.reset.as_mut().map(Agent::learner);
     let record = evaluator
         .run(state.counters().steps, forward, reset)
         .map_err(|error| Failure::Run(format!("{}: {error}", folder.path().display())))?;

@@ -6,7 +6,7 @@ use anyhow::Result;
 use indicatif::{MultiProgress, ProgressBar, ProgressState, ProgressStyle};
 use shield_runtime::{
     experience::AgentRole,
-    observer::Observer,
+    observer::{Observer, Scene, Step},
     record::{Counters, EpisodeRecord, EvaluationRecord},
 };
 
@@ -46,7 +46,8 @@ impl Drop for Progress {
 }
 
 impl Observer for Progress {
-    fn on_step(&mut self, counters: &Counters) -> Result<()> {
+    fn on_step(&mut self, step: &Step<'_>, _: &mut Scene<'_>) -> Result<()> {
+        let counters = step.counters;
         if counters.steps.is_multiple_of(EVERY) {
             self.bar.set_position(counters.steps);
             let Counters { early_aborts, hard_resets, .. } = counters;

@@ -7,22 +7,24 @@ use std::{
     sync::atomic::AtomicBool,
 };
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use clap::{Args, ValueEnum};
 use indicatif::MultiProgress;
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
-use shield_api::{ActMode, Environment, Learner};
+use shield_api::ActMode;
 use shield_runtime::{
-    agent::ForwardAgent,
+    agent::Agent,
     checkpoint::last_checkpoint,
+    cycle::CycleParts,
     environment_check::random_action,
     experiment::{Experiment, ExperimentFile, OnResetSuccess, Override, Variant},
-    film::{FilmSettings, Filmer, Picture, SharedEnvironment, SharedLearner},
-    joint_loop::{JointLoop, Participants},
-    observer::Fanout,
+    film::{FilmSettings, Filmer, Picture},
+    joint_loop::JointLoop,
+    observer::{Fanout, Scene},
     plugin::Registry,
     run::{Prepared, prepare},
+    world::{Stepped, World},
 };
 
 use super::{Failure, eval::one_run, progress::Progress};
@@ -90,8 +92,8 @@ pub fn render(arguments: &RenderArguments, registry: &Registry) -> Result<(), Fa
     let seed = arguments.seed.unwrap_or(variant.experiment.seeds[0]);
     let mut prepared = prepare(registry, &variant, seed)?;
     let missing = match arguments.policy {
-        Who::Forward if prepared.participants.forward.is_none() => Some("forward"),
-        Who::Reset if prepared.participants.reset.is_none() => Some("reset"),
+        Who::Forward if prepared.participants.agents.forward.is_none() => Some("forward"),
+        Who::Reset if prepared.participants.agents.reset.is_none() => Some("reset"),
         _ => None,
     };
     if let Some(role) = missing {
@@ -145,36 +147,6 @@ fn threshold(registry: &Registry, experiment: &Experiment) -> Option<f32> {
     })
 }
 
-/// The parts of a run with the camera between.
-struct Set {
-    participants: Participants,
-    environment: SharedEnvironment,
-    reset: Option<SharedLearner>,
-}
-
-impl Set {
-    fn new(mut participants: Participants) -> Self {
-        let mut shared = None;
-        participants.world = participants.world.map_environment(|environment| {
-            let environment = SharedEnvironment::new(environment);
-            shared = Some(environment.clone());
-            Box::new(environment)
-        });
-        let environment = shared.expect("the closure above ran");
-        let mut reset = None;
-        participants.reset = participants.reset.map(|agent| {
-            agent.map_learner(|learner| {
-                let learner = SharedLearner::new(learner);
-                reset = Some(learner.clone());
-                Box::new(learner)
-            })
-        });
-        // An evaluation would only take time.
-        participants.evaluator = None;
-        Self { participants, environment, reset }
-    }
-}
-
 fn film(
     arguments: &RenderArguments,
     variant: &Variant,
@@ -183,10 +155,13 @@ fn film(
     mut encoder: Encoder,
     seed: u64,
 ) -> Result<()> {
-    let Set { participants, environment, reset } = Set::new(prepared.participants);
+    let Prepared { settings: mut loop_settings, mut participants, resets } = prepared;
+    // An evaluation would only take time.
+    participants.evaluator = None;
+    let reset = participants.agents.reset.as_ref().map(Agent::info);
     let largest_value = match (&reset, variant.experiment.experience.endings().on_success) {
         (None, _) | (_, OnResetSuccess::Terminal) => 1.0,
-        (Some(reset), OnResetSuccess::Bootstrap) => 1.0 / (1.0 - reset.info().discount),
+        (Some(reset), OnResetSuccess::Bootstrap) => 1.0 / (1.0 - reset.discount),
     };
     let (is_loop, is_of_run) = (arguments.policy == Who::Loop, arguments.experiment.is_dir());
     let settings = FilmSettings {
@@ -197,77 +172,71 @@ fn film(
         largest_value,
     };
     let mut sink = |picture: &Picture| encoder.add(picture);
-    let filmer = Filmer::new(environment.clone(), reset.clone(), settings, &mut sink);
-    let mut loop_settings = prepared.settings;
+    let spaces = participants.world.spec().spaces.clone();
+    let filmer = Filmer::new(spaces, reset.map_or(0, |reset| reset.members), settings, &mut sink);
     (loop_settings.evaluate_every, loop_settings.checkpoint_every) = (None, None);
     if is_of_run {
-        loop_settings.updates_per_step = 0;
+        loop_settings.cycle.updates_per_step = 0;
     }
     loop_settings.steps = arguments.train_steps + if is_loop { arguments.steps } else { 0 };
     let progress = Progress::new(&MultiProgress::new(), "filming".into(), loop_settings.steps, 0);
     let mut observer = Fanout(progress, filmer);
     let stop = AtomicBool::new(false);
-    let mut joint = JointLoop::new(loop_settings, participants, prepared.randomness, &mut observer, &stop);
+    let mut joint = JointLoop::new(loop_settings, participants, resets, &mut observer, &stop);
     joint.run()?;
-    let forward = joint.into_forward();
+    let (world, agents) = joint.into_parts();
     let Fanout(progress, mut filmer) = observer;
     drop(progress);
     if !is_loop {
-        let mut actor = match arguments.policy {
-            Who::Forward => Actor::Forward(forward.expect("`render` made sure of it")),
-            Who::Reset => Actor::Reset(reset.expect("`render` made sure of it")),
-            Who::Loop | Who::Random => Actor::Random(Box::new(Pcg64::seed_from_u64(seed))),
-        };
-        perform(&mut actor, environment, arguments.steps, arguments.every, seed, &mut filmer)?;
+        perform(arguments, world, agents, seed, &mut filmer)?;
     }
     drop(filmer);
     encoder.finish()
 }
 
-/// Who acts outside the loop.
-enum Actor {
-    Forward(ForwardAgent),
-    Reset(SharedLearner),
-    Random(Box<Pcg64>),
-}
-
-/// Episodes one after the other, each from a hard reset.
+/// Episodes one after the other, each from a hard reset, in which one agent acts, or nobody.
 fn perform(
-    actor: &mut Actor,
-    mut environment: SharedEnvironment,
-    steps: u64,
-    every: u64,
+    arguments: &RenderArguments,
+    mut world: World,
+    agents: CycleParts,
     seed: u64,
     filmer: &mut Filmer<'_>,
 ) -> Result<()> {
-    let spec = environment.spec();
-    let mut observation = vec![0.0; spec.spaces.observation_len()];
+    let CycleParts { mut forward, mut reset, .. } = agents;
+    let spec = world.spec().clone();
     let mut action = vec![0.0; spec.spaces.action_len()];
     let mut seeds = Pcg64::seed_from_u64(seed);
+    let mut actions = Pcg64::seed_from_u64(seed);
     let mut left = 0;
-    for step in 1..=steps {
+    for step in 1..=arguments.steps {
         if left == 0 {
-            environment.reset(seeds.next_u64(), &mut observation)?;
+            world.hard_reset(None, seeds.next_u64())?;
             left = spec.episode_length;
         }
-        let phase = match actor {
-            Actor::Forward(agent) => {
-                agent.act(&observation, ActMode::Greedy, &mut action)?;
+        let observation = world.observation().to_vec();
+        let phase = match (arguments.policy, &mut forward, &mut reset) {
+            (Who::Forward, Some(forward), _) => {
+                forward.act(&observation, ActMode::Greedy, &mut action)?;
                 "FORWARD, unshielded"
             }
-            Actor::Reset(agent) => {
-                agent.act(&observation, ActMode::Greedy, &mut action)?;
+            (Who::Reset, _, Some(reset)) => {
+                reset.learner().act(&observation, ActMode::Greedy, &mut action)?;
                 "RESET"
             }
-            Actor::Random(rng) => {
-                action = random_action(&spec.spaces.action, rng);
+            _ => {
+                action = random_action(&spec.spaces.action, &mut actions);
                 "RANDOM"
             }
         };
-        let outcome = environment.step(&action, &mut observation)?;
+        let Stepped::Made(outcome) = world.step(&action)? else {
+            bail!("the environment's process was lost on the way");
+        };
+        world.advance();
         left = if outcome.terminated { 0 } else { left - 1 };
-        if step.is_multiple_of(every) {
-            filmer.shoot(phase, step)?;
+        if step.is_multiple_of(arguments.every) {
+            let mut scene =
+                Scene { world: &mut world, reset: reset.as_mut().map(|agent| agent.learner()) };
+            filmer.shoot(phase, step, (&observation, &action), &mut scene)?;
         }
     }
     Ok(())

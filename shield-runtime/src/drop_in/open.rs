@@ -4,13 +4,13 @@ use std::path::Path;
 
 use shield_api::{Result, Space, Spaces};
 
-use super::{DropIn, Learning};
+use super::DropIn;
 use crate::{
     agent::Agent,
+    cycle::{CycleParts, CycleSettings, Memory, ResetCycle},
     experience::{AgentRole, Experience},
-    experiment::{DropInConfig, DropInFile, InputError, Override},
+    experiment::{DropInFile, InputError, Override, cycle_settings},
     plugin::Registry,
-    shield::{ResetSettings, Shield},
     workshop::{Stream, Workshop},
 };
 
@@ -69,24 +69,30 @@ impl DropIn {
         };
         let learner = workshop.learner("reset", &config.reset, &workshop.setup(Stream::Reset, &spaces))?;
         let ladder = workshop.ladder(&config.shield, &*learner, &spaces, Stream::Rules)?;
-        let settings = &config.experience;
+        let learned = &config.experience;
         let members = [0, learner.info().members];
-        let experience = Experience::new(settings.capacity, &spaces, members, settings.bootstrap_probability)
+        let experience = Experience::new(learned.capacity, &spaces, members, learned.bootstrap_probability)
             .map_err(|error| workshop.refused("experience.capacity", &error))?;
         let sampler = workshop.generator(Stream::ResetBatches);
-        let agent = Agent::new(AgentRole::Reset, learner, settings.batch, &spaces, sampler);
-        let learns = settings.updates_per_step > 0;
-        let shield = Shield::new(ladder, agent, resets(config), learns);
-        let learning = Learning {
-            experience,
-            updates_per_step: settings.updates_per_step,
-            updates: settings.updates,
-            endings: settings.endings(),
-            cost_weight: settings.cost_weight,
-            masks: workshop.generator(Stream::Masks),
+        let reset = Agent::new(AgentRole::Reset, learner, learned.batch, &spaces, sampler);
+        let learns = learned.updates_per_step > 0;
+        let memory = Memory { experience, masks: workshop.generator(Stream::Masks) };
+        let parts = CycleParts {
+            forward: None,
+            reset: Some(reset),
+            ladder: Some(ladder),
+            memory: learns.then_some(memory),
         };
-        let drop_in = Self::new(shield, task).hard_reset_cost(config.hard_reset_cost);
-        Ok(if learns { drop_in.learning(learning) } else { drop_in })
+        let settings = CycleSettings {
+            attempt_length: config.episode_length,
+            explores: learns,
+            stores_forward: false,
+            hard_reset_cost: config.hard_reset_cost,
+            ..cycle_settings(&config.shield, learned)
+        };
+        let lengths = [spaces.observation_len(), spaces.action_len()];
+        Self::new(ResetCycle::new(settings, parts, lengths), task)
+            .map_err(|error| workshop.refused("shield", &error))
     }
 
     /// Writes an event file for TensorBoard, `tensorboard/…` in `folder`, with what each episode comes to.
@@ -95,18 +101,6 @@ impl DropIn {
     /// It cannot be written.
     pub fn log_to(&mut self, folder: &Path) -> Result<()> {
         self.figures.log_to(folder)
-    }
-}
-
-fn resets(config: &DropInConfig) -> ResetSettings {
-    let shield = &config.shield;
-    ResetSettings {
-        attempts: shield.reset_attempts.limit(),
-        episode_length: config.episode_length,
-        stop_on_reset: shield.stop_on_reset,
-        test: shield.reset_test,
-        between_attempts: shield.between_attempts,
-        shield_exploration: shield.shield_exploration,
     }
 }
 

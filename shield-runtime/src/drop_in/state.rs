@@ -12,9 +12,10 @@ use crate::{
         CheckpointError,
         file::{read, write},
     },
+    agent::AgentState,
+    cycle::{LearnedState, Memory},
     plugin::PluginState,
     record::Counters,
-    shield::ShieldState,
 };
 
 /// Tells the file from that of a run.
@@ -50,11 +51,20 @@ struct DropInState {
     reset_successes: u64,
     shield: ShieldState,
     task: Option<PluginState>,
-    learned: Option<LearnedState>,
+    learned: Option<MemoryState>,
+}
+
+/// The reset agent, the rules, and counts of theirs.
+#[derive(Serialize, Deserialize)]
+struct ShieldState {
+    agent: AgentState,
+    rules: Vec<PluginState>,
+    steps: u64,
+    exploration_replaced: u64,
 }
 
 #[derive(Serialize, Deserialize)]
-struct LearnedState {
+struct MemoryState {
     masks: Pcg64,
     row_bytes: usize,
     kept: Range<u64>,
@@ -67,32 +77,7 @@ impl DropIn {
     /// # Errors
     /// A plugin fails to save its state, or the file cannot be written.
     pub fn save(&mut self, path: &Path) -> Result<(), StateError> {
-        let learned = self.learning.as_ref().map(|learning| {
-            let (experience, mut rows) = (&learning.experience, Vec::new());
-            experience.write_rows(experience.kept(), &mut rows);
-            LearnedState {
-                masks: learning.masks.clone(),
-                row_bytes: experience.row_bytes(),
-                kept: experience.kept(),
-                rows: rows.into(),
-            }
-        });
-        let state = DropInState {
-            kind: KIND.into(),
-            observation_len: self.observation.len(),
-            action_len: self.executed.len(),
-            spaces: format!("{:?}", self.spaces()),
-            counters: self.counters,
-            reset_successes: self.reset_successes,
-            shield: self.shield.save().map_err(StateError::Plugin)?,
-            task: self
-                .task
-                .as_ref()
-                .map(|task| PluginState::of(&**task))
-                .transpose()
-                .map_err(StateError::Plugin)?,
-            learned,
-        };
+        let state = self.state().map_err(StateError::Plugin)?;
         let path = absolute(path)?;
         Ok(write(&path, None, &state)?)
     }
@@ -112,7 +97,7 @@ impl DropIn {
             return Err(foreign("it is not the state of a drop-in shield".into()));
         }
         let (found, own) =
-            ((state.observation_len, state.action_len), (self.observation.len(), self.executed.len()));
+            ((state.observation_len, state.action_len), (self.observation.len(), self.spaces().action_len()));
         if found != own {
             return Err(foreign(format!(
                 "it belongs to observations of {} and actions of {} numbers; here they have {} and {}",
@@ -124,15 +109,15 @@ impl DropIn {
         }
         for (name, is_there, is_here) in [
             ("a reset task", state.task.is_some(), self.task.is_some()),
-            ("a memory", state.learned.is_some(), self.learning.is_some()),
+            ("a memory", state.learned.is_some(), self.cycle.parts().memory.is_some()),
         ] {
             if is_there != is_here {
                 let (with, without) = if is_there { ("it", "this shield") } else { ("this shield", "it") };
                 return Err(foreign(format!("{with} has {name}, and {without} has none")));
             }
         }
-        if let (Some(learning), Some(learned)) = (&self.learning, &state.learned) {
-            let (experience, length) = (&learning.experience, learned.kept.end - learned.kept.start);
+        if let (Some(memory), Some(learned)) = (&self.cycle.parts().memory, &state.learned) {
+            let (experience, length) = (&memory.experience, learned.kept.end - learned.kept.start);
             let fits = experience.row_bytes() == learned.row_bytes
                 && length as usize <= experience.capacity()
                 && learned.rows.len() == length as usize * learned.row_bytes;
@@ -143,18 +128,53 @@ impl DropIn {
         self.restore(state).map_err(StateError::Plugin)
     }
 
+    fn state(&mut self) -> shield_api::Result<DropInState> {
+        let task = self.task.as_ref().map(|task| PluginState::of(&**task)).transpose()?;
+        let counters = *self.cycle.counters();
+        let reset_successes = self.cycle.reset_successes();
+        let LearnedState { reset, rules, .. } = self.cycle.parts_mut().save()?;
+        let learned = self.cycle.parts().memory.as_ref().map(|Memory { experience, masks }| {
+            let mut rows = Vec::new();
+            experience.write_rows(experience.kept(), &mut rows);
+            MemoryState {
+                masks: masks.clone(),
+                row_bytes: experience.row_bytes(),
+                kept: experience.kept(),
+                rows: rows.into(),
+            }
+        });
+        Ok(DropInState {
+            kind: KIND.into(),
+            observation_len: self.observation.len(),
+            action_len: self.spaces().action_len(),
+            spaces: format!("{:?}", self.spaces()),
+            counters,
+            reset_successes,
+            shield: ShieldState {
+                agent: reset.expect("`new` refuses a cycle without a reset agent"),
+                rules,
+                steps: counters.steps,
+                exploration_replaced: counters.exploration_replaced,
+            },
+            task,
+            learned,
+        })
+    }
+
     fn restore(&mut self, state: DropInState) -> shield_api::Result<()> {
-        self.shield.restore(&state.shield)?;
+        let ShieldState { agent, rules, exploration_replaced, .. } = state.shield;
+        let parts = self.cycle.parts_mut();
+        parts.restore(&LearnedState { forward: None, reset: Some(agent), rules })?;
+        if let (Some(memory), Some(learned)) = (&mut parts.memory, state.learned) {
+            memory.experience.expect_rows(learned.kept.clone());
+            memory.experience.read_rows(learned.kept.start, &learned.rows);
+            memory.masks = learned.masks;
+        }
         if let (Some(task), Some(state)) = (&mut self.task, &state.task) {
             state.restore(&mut **task)?;
         }
-        if let (Some(learning), Some(learned)) = (&mut self.learning, state.learned) {
-            learning.experience.expect_rows(learned.kept.clone());
-            learning.experience.read_rows(learned.kept.start, &learned.rows);
-            learning.masks = learned.masks;
-        }
-        (self.counters, self.reset_successes) = (state.counters, state.reset_successes);
-        (self.is_deciding, self.is_in_forward_episode) = (false, false);
+        let counters = Counters { exploration_replaced, ..state.counters };
+        self.cycle.restore_counts(counters, state.reset_successes);
         Ok(())
     }
 }

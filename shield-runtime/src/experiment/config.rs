@@ -20,6 +20,7 @@ pub use plugin_choice::{Forward, OnWorkerFailure, PluginChoice, WorkerConfig};
 pub use rules::RuleConfig;
 pub use shield::{
     BetweenAttempts, OnAbort, ProjectionConfig, QpConfig, ResetAttempts, ResetTest, ShieldConfig, Unlimited,
+    cycle_settings,
 };
 
 /// A whole experiment: one environment, two agents, a shield, several seeds and variants.

@@ -1,19 +1,12 @@
 //! Keeping the state of a loop, and going on from it.
 
-use std::sync::atomic::Ordering;
-
-use shield_api::check_length;
-
 use super::{JointLoop, Participants};
 use crate::{
-    agent::{Agent, ForwardAgent},
+    cycle::Memory,
     evaluation::Evaluator,
-    experience::AgentRole,
-    loop_state::LoopState,
+    loop_state::{LoopRandomness, LoopState},
     observer::{Occasion, Snapshot},
     plugin,
-    record::Tally,
-    shield::{Ladder, restore_rules, save_rules},
 };
 
 /// Where a loop begins.
@@ -22,7 +15,7 @@ pub(super) enum Start {
     /// With the first placing, which is not counted.
     New,
     /// Within an episode.
-    Within(Tally),
+    Within,
     /// With a counted hard reset: something was lost.
     HardReset,
     /// Nothing is left to be done.
@@ -35,23 +28,8 @@ impl Participants {
     /// # Errors
     /// A plugin refuses its state.
     pub fn restore_agents(&mut self, state: &LoopState) -> shield_api::Result<()> {
-        restore_agents(&mut self.forward, &mut self.reset, &mut self.shield, state)
+        self.agents.restore(&state.learned)
     }
-}
-
-fn restore_agents(
-    forward: &mut Option<ForwardAgent>,
-    reset: &mut Option<Agent>,
-    shield: &mut Option<Ladder>,
-    state: &LoopState,
-) -> shield_api::Result<()> {
-    if let (Some(forward), Some(state)) = (forward, &state.forward) {
-        forward.restore(state)?;
-    }
-    if let (Some(reset), Some(state)) = (reset, &state.reset) {
-        reset.restore(state)?;
-    }
-    restore_rules(shield.as_mut(), &state.rules)
 }
 
 impl JointLoop<'_> {
@@ -61,28 +39,25 @@ impl JointLoop<'_> {
     /// # Errors
     /// A plugin refuses its state.
     pub fn restore(&mut self, state: &LoopState) -> shield_api::Result<()> {
-        restore_agents(&mut self.forward, &mut self.reset, &mut self.shield, state)?;
+        self.cycle.parts_mut().restore(&state.learned)?;
         self.world.restore(&state.world)?;
         if let (Some(evaluator), Some(state)) = (&mut self.evaluator, &state.evaluator) {
             evaluator.restore(state)?;
         }
-        if let Some(previous) = &state.previous {
-            check_length("the saved action", previous, self.previous.len())?;
-            self.previous.copy_from_slice(previous);
-        }
         plugin::restore_metrics(&state.metrics);
-        self.randomness = state.randomness.clone();
-        self.has_previous = state.previous.is_some();
-        self.counters = state.counters;
-        self.attempts.restore(state.failed_attempts);
-        self.was_irreversible = state.was_irreversible;
+        let LoopRandomness { resets, masks } = state.randomness.clone();
+        self.resets = resets;
+        if let Some(memory) = &mut self.cycle.parts_mut().memory {
+            memory.masks = masks;
+        }
+        self.cycle.restore_counts(state.counters, 0);
         self.last_evaluation = state.last_evaluation;
         self.last_checkpoint = state.counters.steps;
+        self.cycle.restore(&state.cycle)?;
         self.start = if state.is_finished {
             Start::Finished
         } else if state.unsaved().is_empty() {
-            self.turn = state.turn;
-            Start::Within(state.tally)
+            Start::Within
         } else {
             Start::HardReset
         };
@@ -92,56 +67,35 @@ impl JointLoop<'_> {
     /// Something was lost when the run was stopped: it goes on from a hard reset, which counts.
     pub(super) fn lose_the_world(&mut self) -> anyhow::Result<()> {
         // The world's state is not known, so neither is what kind of hard reset it needs.
-        self.counters.hard_resets += 1;
-        self.counters.hard_reset_cost += self.settings.hard_reset_cost;
-        self.attempts.clear();
+        self.cycle.count_hard_reset(1.0, false);
         self.place()
-    }
-
-    /// Between two steps of `role`'s episode: keeps the state where that is due. Returns whether the run was stopped here.
-    pub(super) fn pause(&mut self, role: AgentRole, tally: &Tally) -> anyhow::Result<bool> {
-        let is_stopped = self.stop.load(Ordering::Relaxed);
-        if let Some(every) = self.settings.checkpoint_every
-            && self.last_checkpoint != self.counters.steps
-        {
-            // A stop changes nothing about a checkpoint that is due in every run.
-            if self.counters.steps.is_multiple_of(every) {
-                self.keep(Occasion::Periodic, role, tally)?;
-            } else if is_stopped {
-                self.keep(Occasion::Interrupted, role, tally)?;
-            }
-        }
-        self.is_interrupted |= is_stopped;
-        Ok(is_stopped)
     }
 
     /// After the last step and the last evaluation.
     pub(super) fn keep_finished(&mut self) -> anyhow::Result<()> {
         match self.settings.checkpoint_every {
-            Some(_) => self.keep(Occasion::Finished, self.turn, &Tally::default()),
+            Some(_) => self.keep(Occasion::Finished),
             None => Ok(()),
         }
     }
 
-    fn keep(&mut self, occasion: Occasion, turn: AgentRole, tally: &Tally) -> anyhow::Result<()> {
-        self.last_checkpoint = self.counters.steps;
+    pub(super) fn keep(&mut self, occasion: Occasion) -> anyhow::Result<()> {
+        self.last_checkpoint = self.counters().steps;
+        let learned = self.cycle.parts_mut().save()?;
+        let cycle = self.cycle.save();
+        let Some(Memory { experience, masks }) = &self.cycle.parts().memory else { return Ok(()) };
+        let randomness = LoopRandomness { resets: self.resets.clone(), masks: masks.clone() };
         let state = LoopState {
-            counters: self.counters,
+            counters: *self.cycle.counters(),
             is_finished: occasion == Occasion::Finished,
-            turn,
-            tally: *tally,
-            failed_attempts: self.attempts.failed(),
-            was_irreversible: self.was_irreversible,
-            previous: self.has_previous.then(|| self.previous.clone()),
+            cycle,
             last_evaluation: self.last_evaluation,
-            randomness: self.randomness.clone(),
+            randomness,
             world: self.world.save()?,
-            forward: self.forward.as_ref().map(ForwardAgent::save).transpose()?,
-            reset: self.reset.as_ref().map(Agent::save).transpose()?,
-            rules: save_rules(self.shield.as_mut())?,
+            learned,
             evaluator: self.evaluator.as_mut().map(Evaluator::save).transpose()?,
             metrics: plugin::save_metrics(),
         };
-        self.observer.on_checkpoint(&Snapshot { occasion, state: &state, experience: &self.experience })
+        self.observer.on_checkpoint(&Snapshot { occasion, state: &state, experience })
     }
 }

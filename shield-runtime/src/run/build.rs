@@ -2,19 +2,20 @@
 
 use std::time::Duration;
 
-use shield_api::{Environment, Host, Learner, LearnerInfo, Policy, Setup, Spaces};
+use rand_pcg::Pcg64;
+use shield_api::{Environment, Host, Learner, Policy, Setup, Spaces};
 
 use crate::{
     agent::{Agent, ForwardAgent},
     batch::Batch,
+    cycle::{CycleParts, CycleSettings, Memory},
     evaluation::Evaluator,
     experience::{AgentRole, Experience},
     experiment::{
         EvaluatedAgent, EvaluationConfig, Experiment, Forward, InputError, Mode, OnWorkerFailure,
-        PluginChoice, Variant, WorkerConfig,
+        PluginChoice, Variant, WorkerConfig, cycle_settings,
     },
     joint_loop::{LoopSettings, Participants},
-    loop_state::LoopRandomness,
     plugin::{
         self, PluginError, Registry,
         isolated::{Isolation, OnFailure, RestartFlag},
@@ -33,8 +34,8 @@ pub struct Prepared {
     pub settings: LoopSettings,
     /// Who takes part.
     pub participants: Participants,
-    /// The loop's own random numbers.
-    pub randomness: LoopRandomness,
+    /// Draws the seeds of hard resets.
+    pub resets: Pcg64,
 }
 
 /// Loads and configures everything that a run of `variant` with `seed` needs. Writes nothing.
@@ -45,11 +46,8 @@ pub fn prepare(registry: &Registry, variant: &Variant, seed: u64) -> Result<Prep
     Builder::new(registry, variant, seed).prepare()
 }
 
-/// The rules of a variant as they judge, without projection and deadline, and what the reset agent says of itself.
-pub(super) fn replay_ladder(
-    registry: &Registry,
-    variant: &Variant,
-) -> Result<(Ladder, LearnerInfo), InputError> {
+/// The rules of a variant as they judge, without projection and deadline.
+pub(super) fn replay_ladder(registry: &Registry, variant: &Variant) -> Result<Ladder, InputError> {
     let mut bare = variant.clone();
     (bare.experiment.shield.projection, bare.experiment.shield.deadline_us) = (None, None);
     if bare.experiment.mode != Mode::Shielded {
@@ -60,7 +58,7 @@ pub(super) fn replay_ladder(
     let spaces =
         builder.world([Stream::Environment, Stream::ResetTask], 0, plugin::host())?.spec().spaces.clone();
     let reset = builder.reset(&spaces)?;
-    Ok((builder.shield(&*reset, &spaces, Stream::Rules)?, reset.info()))
+    builder.ladder(&*reset, &spaces, Stream::Rules)
 }
 
 struct Builder<'a> {
@@ -94,8 +92,8 @@ impl<'a> Builder<'a> {
             Mode::Shielded | Mode::ResetOnly { .. } => Some(self.reset(&spaces)?),
             Mode::StatusQuo | Mode::ForwardOnly => None,
         };
-        let shield = match (mode, &reset) {
-            (Mode::Shielded, Some(reset)) => Some(self.shield(&**reset, &spaces, Stream::Rules)?),
+        let ladder = match (mode, &reset) {
+            (Mode::Shielded, Some(reset)) => Some(self.ladder(&**reset, &spaces, Stream::Rules)?),
             _ => None,
         };
         let evaluator = match &experiment.evaluation {
@@ -113,19 +111,15 @@ impl<'a> Builder<'a> {
         let sampler = self.workshop.generator(Stream::ResetBatches);
         let experience = Experience::new(config.capacity, &spaces, members, config.bootstrap_probability)
             .map_err(|error| self.workshop.refused("experience.capacity", &error))?;
-        let participants = Participants {
-            experience,
-            reset: reset.map(|reset| Agent::new(AgentRole::Reset, reset, config.batch, &spaces, sampler)),
-            world,
+        let agents = CycleParts {
             forward,
-            shield,
-            evaluator,
+            reset: reset.map(|reset| Agent::new(AgentRole::Reset, reset, config.batch, &spaces, sampler)),
+            ladder,
+            memory: Some(Memory { experience, masks: self.workshop.generator(Stream::Masks) }),
         };
-        let randomness = LoopRandomness {
-            resets: self.workshop.generator(Stream::HardResets),
-            masks: self.workshop.generator(Stream::Masks),
-        };
-        Ok(Prepared { settings: loop_settings(experiment), participants, randomness })
+        let participants = Participants { world, agents, evaluator };
+        let resets = self.workshop.generator(Stream::HardResets);
+        Ok(Prepared { settings: loop_settings(experiment), participants, resets })
     }
 
     /// The environment with its reset task, each with a stream of its own. `instance` tells several of one stream apart.
@@ -202,7 +196,7 @@ impl<'a> Builder<'a> {
         self.workshop.learner("reset", choice, &self.workshop.setup(Stream::Reset, spaces))
     }
 
-    fn shield(&self, reset: &dyn Learner, spaces: &Spaces, stream: Stream) -> Result<Ladder, InputError> {
+    fn ladder(&self, reset: &dyn Learner, spaces: &Spaces, stream: Stream) -> Result<Ladder, InputError> {
         self.workshop.ladder(&self.experiment.shield, reset, spaces, stream)
     }
 
@@ -226,8 +220,8 @@ impl<'a> Builder<'a> {
         }
         let batch = Batch::new(worlds, self.experiment.threads)
             .map_err(|error| self.workshop.refused("threads", &error))?;
-        let shield = match reset {
-            Some(reset) if config.shielded => Some(self.shield(reset, spaces, Stream::EvaluationRules)?),
+        let ladder = match reset {
+            Some(reset) if config.shielded => Some(self.ladder(reset, spaces, Stream::EvaluationRules)?),
             _ => None,
         };
         // Where only the reset agent exists, it is the one to be evaluated.
@@ -236,7 +230,7 @@ impl<'a> Builder<'a> {
             _ => config.agent,
         };
         let seed = self.workshop.derived_seed(Stream::EvaluationSeeds);
-        Evaluator::new(batch, shield, agent, config.start.clone(), config.episodes, seed)
+        Evaluator::new(batch, ladder, agent, config.start.clone(), config.episodes, seed)
             .map_err(|error| self.workshop.refused("evaluation", &error))
     }
 
@@ -266,22 +260,15 @@ fn isolation(choice: &PluginChoice) -> Option<Isolation> {
 }
 
 fn loop_settings(experiment: &Experiment) -> LoopSettings {
-    let (shield, experience) = (&experiment.shield, &experiment.experience);
-    LoopSettings {
+    let cycle = CycleSettings {
         mode: experiment.mode.clone(),
-        steps: experiment.steps,
-        reset_attempts: shield.reset_attempts.limit(),
-        reset_test: shield.reset_test,
-        between_attempts: shield.between_attempts,
-        stop_on_reset: shield.stop_on_reset,
-        shield_exploration: shield.shield_exploration,
-        on_abort: shield.on_abort,
         hard_reset_cost: experiment.hard_reset_cost,
-        cost_weight: experience.cost_weight,
+        ..cycle_settings(&experiment.shield, &experiment.experience)
+    };
+    LoopSettings {
+        cycle,
+        steps: experiment.steps,
         record: experiment.record,
-        updates: experience.updates,
-        updates_per_step: experience.updates_per_step,
-        endings: experience.endings(),
         checkpoint_every: experiment.checkpoint.as_ref().map(|checkpoint| checkpoint.every),
         evaluate_every: experiment.evaluation.as_ref().map(|evaluation| evaluation.every),
     }

@@ -37,8 +37,8 @@ pub fn counterfactual(
     mut progress: impl FnMut(u64),
 ) -> Result<Counterfactual> {
     let restored = restore(registry, &RunFolder::at(run), &[])?;
-    let Participants { mut world, reset, .. } = restored.prepared.participants;
-    let mut reset = reset.context("the run has no reset agent")?;
+    let Participants { mut world, agents, .. } = restored.prepared.participants;
+    let mut reset = agents.reset.context("the run has no reset agent")?;
     world.hard_reset(None, restored.identity.seed)?;
     restored.state.restore_reset_task(&mut world)?;
     let mut action = vec![0.0; world.spec().spaces.action_len()];

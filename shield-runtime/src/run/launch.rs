@@ -107,7 +107,8 @@ impl Order<'_> {
     pub fn proceed(&self) -> Result<Launch> {
         let mut prepared = self.prepare()?;
         let mut warnings = Vec::new();
-        let experience = &mut prepared.participants.experience;
+        let memory = prepared.participants.agents.memory.as_mut();
+        let experience = &mut memory.context("a run learns from nothing")?.experience;
         let found =
             CheckpointStore::resume(self.folder.path(), self.provenance()?, experience, &mut |warning| {
                 warnings.push(warning);
@@ -209,7 +210,7 @@ impl Launch {
         let mut joint = JointLoop::new(
             prepared.settings,
             prepared.participants,
-            prepared.randomness,
+            prepared.resets,
             &mut observer,
             stop,
         );

@@ -22,7 +22,7 @@ use crate::{
     checkpoint::{CheckpointError, CheckpointStore},
     decision::ProjectionKind,
     experience::AgentRole,
-    observer::{Observer, Occasion, Snapshot},
+    observer::{Observer, Occasion, Scene, Snapshot},
     record::{Counters, DecisionRecord, EpisodeRecord, EvaluationRecord, Intervention},
 };
 
@@ -248,7 +248,7 @@ impl Observer for Recorder {
         self.decision_ns.saturating_record(u64::try_from(time.as_nanos()).unwrap_or(u64::MAX));
     }
 
-    fn on_intervention(&mut self, intervention: &Intervention<'_>) -> Result<()> {
+    fn on_intervention(&mut self, intervention: &Intervention<'_>, _: &mut Scene<'_>) -> Result<()> {
         let Intervention { step, role, proposed, executed, abort, projection, reason } = intervention;
         let cause = abort.cause.to_string();
         let verdict = match (projection, executed) {

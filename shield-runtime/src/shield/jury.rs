@@ -6,7 +6,7 @@ use shield_api::{
 };
 
 use super::{
-    Agents, Moment,
+    Agents, GivenValues, Moment,
     explanation::Explanation,
     rows::RowBuffer,
     rules::{RuleTree, Shape},
@@ -168,6 +168,39 @@ impl Jury {
         why: &mut Explanation,
     ) -> Result<(), Abort> {
         self.value_action(agents, moment, action).map_err(|error| why.failed(Cause::ValuesFailed, &error))?;
+        self.ask_all(moment, action, why)
+    }
+
+    /// Lets every rule judge an action whose values are given, as [`judge`](Self::judge) those that it computes.
+    pub fn judge_given(
+        &mut self,
+        given: &GivenValues<'_>,
+        moment: &Moment<'_>,
+        action: &[f32],
+        why: &mut Explanation,
+    ) -> Result<(), Abort> {
+        self.take(given).map_err(|error| why.failed(Cause::ValuesFailed, &error))?;
+        self.ask_all(moment, action, why)
+    }
+
+    fn take(&mut self, given: &GivenValues<'_>) -> Result<()> {
+        let Judgement { values, greedy_values, forward_values, .. } = &mut self.present;
+        if self.needs.values {
+            check_finite("the reset values", given.values, values.len())?;
+            values.copy_from_slice(given.values);
+        }
+        if self.needs.greedy_values {
+            check_finite("the reset values", given.greedy_values, greedy_values.len())?;
+            greedy_values.copy_from_slice(given.greedy_values);
+        }
+        if self.needs.forward_values {
+            check_finite("the forward values", given.forward_values, given.forward_values.len())?;
+            given.forward_values.clone_into(forward_values);
+        }
+        Ok(())
+    }
+
+    fn ask_all(&mut self, moment: &Moment<'_>, action: &[f32], why: &mut Explanation) -> Result<(), Abort> {
         for index in 0..self.jurors.len() {
             let failure = self.ask(index, moment, action, why);
             self.present.scores[index] = self.jurors[index].score;

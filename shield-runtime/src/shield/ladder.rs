@@ -5,8 +5,8 @@ use std::time::Duration;
 use shield_api::{AbortRule, ActMode, Learner, Needs, ObservedDecision, Phase, Spaces, check_finite};
 
 use super::{
-    Agents, Moment,
-    attempt::Attempt,
+    Agents, GivenValues, Moment,
+    rejected::Rejected,
     clock::Clock,
     explanation::Explanation,
     jury::{Judgement, Jury},
@@ -48,7 +48,35 @@ impl Ladder {
     /// what was rejected.
     pub fn filter(&mut self, mut agents: Agents<'_>, moment: &Moment<'_>, action: &mut [f32]) -> Decision {
         let clock = Clock::start(self.deadline);
-        let mut decision = self.decide(&mut agents, moment, action, Phase::Forward, clock);
+        let decision = self.decide(&mut agents, moment, action, Phase::Forward, clock);
+        self.conclude(decision, &mut agents, moment, action, clock)
+    }
+
+    /// Decides where the forward agent gave no action: an abort of which every rule is told.
+    pub fn forward_failed(
+        &mut self,
+        mut agents: Agents<'_>,
+        moment: &Moment<'_>,
+        error: &shield_api::Error,
+        action: &mut [f32],
+    ) -> Decision {
+        let clock = Clock::start(self.deadline);
+        self.jury.begin(Phase::Forward);
+        self.jury.note_proposed();
+        let decision = Decision::Abort(self.why.failed(Cause::ForwardFailed, error));
+        self.make_safe(agents.reset, moment.observation, action);
+        self.conclude(decision, &mut agents, moment, action, clock)
+    }
+
+    /// Tells every rule of a decision. A rule that does not take note, or takes too long, makes it an abort.
+    fn conclude(
+        &mut self,
+        mut decision: Decision,
+        agents: &mut Agents<'_>,
+        moment: &Moment<'_>,
+        action: &mut [f32],
+        clock: Clock,
+    ) -> Decision {
         let observed = ObservedDecision { step: moment.step, aborted: decision.abort().is_some(), action };
         let told = self.jury.observe(&observed);
         if let Err(error) = told {
@@ -61,6 +89,23 @@ impl Ladder {
             self.make_safe(agents.reset, moment.observation, action);
         }
         decision
+    }
+
+    /// Decides on `action` by values that were computed before, and tells every rule. Nothing is projected.
+    pub fn judge_given(&mut self, given: &GivenValues<'_>, moment: &Moment<'_>, action: &[f32]) -> Decision {
+        self.why.clear();
+        self.jury.begin(Phase::Forward);
+        let judged = match self.check_proposal(moment, action) {
+            Ok(()) if moment.step < self.settings.warm_up_steps => Ok(Decision::WarmUp),
+            Ok(()) => self.jury.judge_given(given, moment, action, &mut self.why).map(|()| Decision::Allow),
+            Err(abort) => Err(abort),
+        };
+        let decision = judged.unwrap_or_else(Decision::Abort);
+        let observed = ObservedDecision { step: moment.step, aborted: decision.abort().is_some(), action };
+        match self.jury.observe(&observed) {
+            Ok(()) => decision,
+            Err(error) => Decision::Abort(self.why.failed(Cause::RuleFailed, &error)),
+        }
     }
 
     /// As [`filter`](Self::filter), but no rule is told and nothing is projected: for actions of the reset agent.
@@ -98,6 +143,21 @@ impl Ladder {
         self.jury.begin(Phase::Forward);
         write_safe(&self.settings.fallback_action, action);
         Decision::Abort(self.why.failed(Cause::ResetFailed, error))
+    }
+
+    /// Forgets why an earlier action was rejected.
+    pub fn forget_reason(&mut self) {
+        self.why.forget();
+    }
+
+    /// The spaces of the environment.
+    pub fn spaces(&self) -> &Spaces {
+        &self.settings.spaces
+    }
+
+    /// What a buffer holds where nothing better can be executed.
+    pub fn fallback_action(&self) -> &[f32] {
+        &self.settings.fallback_action
     }
 
     /// Whether a plugin that the shield needs panicked, or a rule did not take note of a decision: from then on every decision would be an
@@ -158,10 +218,7 @@ impl Ladder {
     }
 
     fn judge(&mut self, agents: &mut Agents<'_>, moment: &Moment<'_>, action: &[f32]) -> Result<(), Abort> {
-        let spaces = &self.settings.spaces;
-        check_finite("the observation", moment.observation, spaces.observation_len())
-            .map_err(|error| self.why.failed(Cause::InvalidObservation, &error))?;
-        spaces.action.check_action(action).map_err(|error| self.why.failed(Cause::InvalidAction, &error))?;
+        self.check_proposal(moment, action)?;
         if moment.step < self.settings.warm_up_steps {
             return Ok(());
         }
@@ -169,6 +226,13 @@ impl Ladder {
             .value_state(agents, moment)
             .map_err(|error| self.why.failed(Cause::ValuesFailed, &error))?;
         self.jury.judge(agents, moment, action, &mut self.why)
+    }
+
+    fn check_proposal(&mut self, moment: &Moment<'_>, action: &[f32]) -> Result<(), Abort> {
+        let spaces = &self.settings.spaces;
+        check_finite("the observation", moment.observation, spaces.observation_len())
+            .map_err(|error| self.why.failed(Cause::InvalidObservation, &error))?;
+        spaces.action.check_action(action).map_err(|error| self.why.failed(Cause::InvalidAction, &error))
     }
 
     /// Looks for another action that the rules allow; it is then in `other_action`.
@@ -182,8 +246,8 @@ impl Ladder {
     ) -> Result<Projection, Abort> {
         let Some(projector) = &mut self.projector else { return Err(rejection) };
         let jury = &mut self.jury;
-        let attempt = Attempt { jury, agents, moment, proposed, rejection, clock };
-        let found = projector.find(attempt, &mut self.other_action).and_then(|projection| {
+        let rejected = Rejected { jury, agents, moment, proposed, rejection, clock };
+        let found = projector.find(rejected, &mut self.other_action).and_then(|projection| {
             let checked = self.settings.spaces.action.check_action(&self.other_action);
             checked.map(|()| projection).map_err(|error| (Cause::InvalidAction, error.to_string()))
         });

@@ -20,3 +20,14 @@ pub struct Agents<'a> {
     /// Values the task; `None` where the forward agent is a policy.
     pub forward: Option<&'a mut dyn Learner>,
 }
+
+/// Values of an action that were computed before, for [`Ladder::judge_given`](super::Ladder::judge_given); empty where they were not.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct GivenValues<'a> {
+    /// The reset ensemble's values of the action.
+    pub values: &'a [f32],
+    /// The reset ensemble's values of the reset agent's own action.
+    pub greedy_values: &'a [f32],
+    /// The forward ensemble's values of the action.
+    pub forward_values: &'a [f32],
+}

@@ -3,7 +3,7 @@
 use shield_api::{ActMode, Error, Result, Space};
 
 use super::{
-    attempt::{Attempt, Failure},
+    rejected::{Failure, Rejected},
     explanation::Explanation,
     jury::Jury,
     qp::Qp,
@@ -43,18 +43,18 @@ impl Projector {
     }
 
     /// Writes an action that the rules allow into `found`.
-    pub fn find(&mut self, attempt: Attempt<'_, '_>, found: &mut [f32]) -> Result<Projection, Failure> {
+    pub fn find(&mut self, rejected: Rejected<'_, '_>, found: &mut [f32]) -> Result<Projection, Failure> {
         match self {
-            Self::Qp(qp) => qp.find(attempt, found),
-            Self::Replace => replace(attempt, found),
-            Self::Best(actions) => best(attempt, *actions, found),
+            Self::Qp(qp) => qp.find(rejected, found),
+            Self::Replace => replace(rejected, found),
+            Self::Best(actions) => best(rejected, *actions, found),
         }
     }
 }
 
 /// The reset agent's greedy action, if the rules allow it: it knows best how to undo, and a step of it keeps the episode alive.
-fn replace(attempt: Attempt<'_, '_>, found: &mut [f32]) -> Result<Projection, Failure> {
-    let Attempt { jury, agents, moment, proposed, rejection, .. } = attempt;
+fn replace(rejected: Rejected<'_, '_>, found: &mut [f32]) -> Result<Projection, Failure> {
+    let Rejected { jury, agents, moment, proposed, rejection, .. } = rejected;
     agents
         .reset
         .act(moment.observation, ActMode::Greedy, found)
@@ -70,8 +70,8 @@ fn replace(attempt: Attempt<'_, '_>, found: &mut [f32]) -> Result<Projection, Fa
 }
 
 /// Of the discrete actions that the rules allow, the one that the forward ensemble values most in the mean; of equal ones the first.
-fn best(attempt: Attempt<'_, '_>, actions: usize, found: &mut [f32]) -> Result<Projection, Failure> {
-    let Attempt { jury, agents, moment, proposed, rejection, clock } = attempt;
+fn best(rejected: Rejected<'_, '_>, actions: usize, found: &mut [f32]) -> Result<Projection, Failure> {
+    let Rejected { jury, agents, moment, proposed, rejection, clock } = rejected;
     let mut why = Explanation::new();
     let mut best: Option<(f32, f32)> = None;
     for action in (0..actions).map(|index| index as f32).filter(|action| proposed != [*action]) {

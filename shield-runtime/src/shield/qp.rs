@@ -5,7 +5,7 @@ use std::panic::{AssertUnwindSafe, catch_unwind};
 use shield_api::{Error, Result};
 
 use super::{
-    attempt::{Attempt, Failure},
+    rejected::{Failure, Rejected},
     explanation::Explanation,
     jury::Jury,
     rows::RowBuffer,
@@ -86,14 +86,14 @@ impl Qp {
         self.solver = solver;
     }
 
-    pub fn find(&mut self, mut attempt: Attempt<'_, '_>, found: &mut [f32]) -> Result<Projection, Failure> {
-        self.enclose(attempt.proposed);
+    pub fn find(&mut self, mut rejected: Rejected<'_, '_>, found: &mut [f32]) -> Result<Projection, Failure> {
+        self.enclose(rejected.proposed);
         let mut nearest: Option<(f32, u32)> = None;
         let mut failure: Option<Failure> = None;
         for program in 0..self.programs.len() {
-            match self.solve_program(program, &mut attempt) {
+            match self.solve_program(program, &mut rejected) {
                 Ok(iterations) => {
-                    let distance = self.distance(attempt.proposed);
+                    let distance = self.distance(rejected.proposed);
                     if nearest.is_none_or(|(least, _)| distance < least) {
                         nearest = Some((distance, iterations));
                         found.copy_from_slice(&self.candidate);
@@ -107,7 +107,7 @@ impl Qp {
         }
         match (nearest, failure) {
             (Some((distance, iterations)), _) => {
-                let rejection = attempt.rejection;
+                let rejection = rejected.rejection;
                 Ok(Projection { kind: ProjectionKind::Qp, iterations, distance, rejection })
             }
             (None, Some(failure)) => Err(failure),
@@ -116,8 +116,8 @@ impl Qp {
     }
 
     /// Looks for a candidate that keeps one set of rules to first order, and that all rules together allow; returns the linearisations.
-    fn solve_program(&mut self, program: usize, attempt: &mut Attempt<'_, '_>) -> Result<u32, Failure> {
-        let Attempt { jury, agents, moment, proposed, clock, .. } = attempt;
+    fn solve_program(&mut self, program: usize, rejected: &mut Rejected<'_, '_>) -> Result<u32, Failure> {
+        let Rejected { jury, agents, moment, proposed, clock, .. } = rejected;
         self.candidate.copy_from_slice(proposed);
         let mut why = Explanation::new();
         for iterations in 1..=self.max_iterations {

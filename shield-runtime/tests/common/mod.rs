@@ -14,14 +14,12 @@ use shield_api::{
 };
 use shield_runtime::{
     agent::{Agent, ForwardAgent},
+    cycle::{CycleParts, CycleSettings, Memory},
     evaluation::Evaluator,
     experience::{AgentRole, Experience},
-    experiment::{
-        BetweenAttempts, Endings, Mode, OnAbort, ProjectionConfig, RecordConfig, ResetTest, Updates,
-    },
+    experiment::{Mode, ProjectionConfig, RecordConfig},
     joint_loop::{JointLoop, LoopSettings, Participants},
-    loop_state::LoopRandomness,
-    observer::Observer,
+    observer::{Observer, Scene as Stage},
     record::{Counters, EpisodeRecord, EvaluationRecord, Intervention},
     shield::{Ladder, LadderSettings},
     world::World,
@@ -228,7 +226,11 @@ impl Observer for Notebook {
         Ok(())
     }
 
-    fn on_intervention(&mut self, intervention: &Intervention<'_>) -> anyhow::Result<()> {
+    fn on_intervention(
+        &mut self,
+        intervention: &Intervention<'_>,
+        _: &mut Stage<'_>,
+    ) -> anyhow::Result<()> {
         self.interventions.push((
             intervention.step,
             intervention.proposed[0],
@@ -263,20 +265,9 @@ pub struct Scene {
 
 pub fn settings(steps: u64) -> LoopSettings {
     LoopSettings {
-        mode: Mode::Shielded,
+        cycle: CycleSettings::default(),
         steps,
-        reset_attempts: Some(1),
-        reset_test: ResetTest::AnyVisited,
-        between_attempts: BetweenAttempts::Forward,
-        stop_on_reset: true,
-        shield_exploration: false,
-        on_abort: OnAbort::Nothing,
-        hard_reset_cost: 1.0,
-        cost_weight: 0.0,
         record: RecordConfig::default(),
-        updates: Updates::Active,
-        updates_per_step: 1,
-        endings: Endings::default(),
         evaluate_every: None,
         checkpoint_every: None,
     }
@@ -324,7 +315,7 @@ impl Scene {
         let shield = self
             .reset
             .as_ref()
-            .filter(|_| self.settings.mode == Mode::Shielded)
+            .filter(|_| self.settings.cycle.mode == Mode::Shielded)
             .map(|reset| shield(self.rules, reset, self.warm_up_steps));
         let shield = shield.map(|shield| match self.projection {
             Some(projection) => shield.with_projection(projection).unwrap(),
@@ -334,17 +325,18 @@ impl Scene {
             Some(deadline) => shield.with_deadline(deadline),
             None => shield,
         });
-        let participants = Participants {
-            world: World::new(Box::new(self.line), None).unwrap(),
+        let experience = Experience::new(self.capacity, &spaces(), members, self.bootstrap_probability);
+        let memory = Memory { experience: experience.unwrap(), masks: Pcg64::seed_from_u64(3) };
+        let agents = CycleParts {
             forward: self.forward,
             reset: self.reset.map(|reset| agent(AgentRole::Reset, reset)),
-            shield,
-            evaluator: self.evaluator,
-            experience: Experience::new(self.capacity, &spaces(), members, self.bootstrap_probability)
-                .unwrap(),
+            ladder: shield,
+            memory: Some(memory),
         };
-        let randomness = LoopRandomness { resets: Pcg64::seed_from_u64(2), masks: Pcg64::seed_from_u64(3) };
-        let mut joint = JointLoop::new(self.settings, participants, randomness, observer, &stop);
+        let world = World::new(Box::new(self.line), None).unwrap();
+        let participants = Participants { world, agents, evaluator: self.evaluator };
+        let resets = Pcg64::seed_from_u64(2);
+        let mut joint = JointLoop::new(self.settings, participants, resets, observer, &stop);
         joint.run()?;
         Ok(*joint.counters())
     }

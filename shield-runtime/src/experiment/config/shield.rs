@@ -2,7 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::RuleConfig;
+use super::{ExperienceConfig, RuleConfig};
+use crate::cycle::CycleSettings;
 
 /// The shield, and what follows its decisions.
 #[derive(Debug, Clone, Deserialize, Serialize)]
@@ -48,6 +49,23 @@ impl Default for ShieldConfig {
             on_abort: OnAbort::default(),
             fallback_action: None,
         }
+    }
+}
+
+/// What an experiment or a drop-in says of the reset cycle; the rest has its defaults.
+pub fn cycle_settings(shield: &ShieldConfig, experience: &ExperienceConfig) -> CycleSettings {
+    CycleSettings {
+        reset_attempts: shield.reset_attempts.limit(),
+        reset_test: shield.reset_test,
+        between_attempts: shield.between_attempts,
+        stop_on_reset: shield.stop_on_reset,
+        shield_exploration: shield.shield_exploration,
+        on_abort: shield.on_abort,
+        endings: experience.endings(),
+        updates: experience.updates,
+        updates_per_step: experience.updates_per_step,
+        cost_weight: experience.cost_weight,
+        ..CycleSettings::default()
     }
 }
 

@@ -4,7 +4,7 @@ use super::{Agents, Moment, clock::Clock, jury::Jury};
 use crate::decision::{Abort, Cause};
 
 /// A rejected action and whom to ask about another one.
-pub(super) struct Attempt<'a, 'b> {
+pub(super) struct Rejected<'a, 'b> {
     pub jury: &'a mut Jury,
     pub agents: &'a mut Agents<'b>,
     pub moment: &'a Moment<'a>,

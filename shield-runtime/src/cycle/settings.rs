@@ -1,0 +1,63 @@
+//! What the reset cycle does, and what it teaches.
+
+use crate::experiment::{BetweenAttempts, Endings, Mode, OnAbort, ResetTest, Updates};
+
+/// Settings of a [`ResetCycle`](super::ResetCycle). The defaults are those of an experiment.
+#[derive(Debug, Clone)]
+pub struct CycleSettings {
+    /// Who acts, and when the environment is reset.
+    pub mode: Mode,
+    /// Steps after which a forward episode is over; `None` where the caller ends it.
+    pub forward_length: Option<u64>,
+    /// Steps after which an attempt is over.
+    pub attempt_length: u64,
+    /// N: failed attempts in a row after which a hard reset is needed; `None` forbids hard resets.
+    pub reset_attempts: Option<u32>,
+    /// Which states of an attempt count for its success.
+    pub reset_test: ResetTest,
+    /// What lies between two attempts.
+    pub between_attempts: BetweenAttempts,
+    /// An attempt ends as soon as the reset set is reached.
+    pub stop_on_reset: bool,
+    /// Whether the reset agent explores.
+    pub explores: bool,
+    /// The rules judge the reset agent's exploratory actions; a rejected one gives way to its greedy one.
+    pub shield_exploration: bool,
+    /// What the forward agent learns from an abort.
+    pub on_abort: OnAbort,
+    /// Whether the forward agent learns from the experience too; a caller's own agent keeps its own.
+    pub stores_forward: bool,
+    /// How attempts end for the reset agent's values.
+    pub endings: Endings,
+    /// Who learns after a step.
+    pub updates: Updates,
+    /// Updates after each step.
+    pub updates_per_step: usize,
+    /// A factor to the costs of hard resets.
+    pub hard_reset_cost: f64,
+    /// How much of a hard reset's cost the reset agent loses in the reward of the step before it.
+    pub cost_weight: f32,
+}
+
+impl Default for CycleSettings {
+    fn default() -> Self {
+        Self {
+            mode: Mode::Shielded,
+            forward_length: None,
+            attempt_length: 500,
+            reset_attempts: Some(1),
+            reset_test: ResetTest::default(),
+            between_attempts: BetweenAttempts::default(),
+            stop_on_reset: true,
+            explores: true,
+            shield_exploration: false,
+            on_abort: OnAbort::default(),
+            stores_forward: true,
+            endings: Endings::default(),
+            updates: Updates::default(),
+            updates_per_step: 1,
+            hard_reset_cost: 1.0,
+            cost_weight: 0.0,
+        }
+    }
+}

@@ -1,0 +1,190 @@
+//! A drop-in shield, field by field.
+
+use std::time::Duration;
+
+use rand::SeedableRng;
+use rand_pcg::Pcg64;
+use shield_api::{AbortRule, Error, Learner, ResetTask, Result, Spaces};
+
+use super::DropIn;
+use crate::{
+    agent::Agent,
+    cycle::{CycleParts, CycleSettings, Memory, ResetCycle},
+    experience::{AgentRole, Experience},
+    experiment::{Endings, ProjectionConfig, Updates},
+    shield::{Ladder, LadderSettings, RuleTree, nearest_to_zero},
+};
+
+/// What the reset agent learns from, and when.
+pub struct Learning {
+    /// Where its transitions go.
+    pub experience: Experience,
+    /// Transitions of one update.
+    pub batch: usize,
+    /// Updates after each step of which it learns.
+    pub updates_per_step: usize,
+    /// Whether it learns from every step, or from its own only.
+    pub updates: Updates,
+    /// How attempts end for its values.
+    pub endings: Endings,
+    /// How much of a hard reset's cost it loses.
+    pub cost_weight: f32,
+    /// Of its batches and bootstrap masks.
+    pub seed: u64,
+}
+
+impl Learning {
+    /// One update after every step, with the usual endings.
+    pub fn new(experience: Experience, batch: usize, seed: u64) -> Self {
+        let (updates_per_step, updates, endings) = (1, Updates::Both, Endings::default());
+        Self { experience, batch, updates_per_step, updates, endings, cost_weight: 0.0, seed }
+    }
+}
+
+/// Describes a [`DropIn`]; what is not said has the defaults of an experiment, but nothing is let through in a warm-up.
+pub struct DropInBuilder {
+    spaces: Spaces,
+    reset_agent: Box<dyn Learner>,
+    reset_task: Option<Box<dyn ResetTask>>,
+    rules: Vec<RuleTree>,
+    projection: Option<ProjectionConfig>,
+    deadline: Option<Duration>,
+    fallback_action: Option<Vec<f32>>,
+    warm_up_steps: u64,
+    learning: Option<Learning>,
+    settings: CycleSettings,
+}
+
+impl DropInBuilder {
+    pub(super) fn new(spaces: Spaces, reset_agent: Box<dyn Learner>) -> Self {
+        Self {
+            spaces,
+            reset_agent,
+            reset_task: None,
+            rules: Vec::new(),
+            projection: None,
+            deadline: None,
+            fallback_action: None,
+            warm_up_steps: 0,
+            learning: None,
+            settings: CycleSettings { explores: false, stores_forward: false, ..CycleSettings::default() },
+        }
+    }
+
+    /// Says what "reset" means; without one, every [`DropIn::observe`] must.
+    #[must_use]
+    pub fn reset_task(mut self, task: Box<dyn ResetTask>) -> Self {
+        self.reset_task = Some(task);
+        self
+    }
+
+    /// One more rule, or rules composed; all must allow an action.
+    #[must_use]
+    pub fn rules(mut self, rules: RuleTree) -> Self {
+        self.rules.push(rules);
+        self
+    }
+
+    /// One more rule.
+    #[must_use]
+    pub fn rule(self, rule: Box<dyn AbortRule>) -> Self {
+        self.rules(RuleTree::Rule(rule))
+    }
+
+    /// What is tried with a rejected action before it is aborted.
+    #[must_use]
+    pub fn projection(mut self, projection: ProjectionConfig) -> Self {
+        self.projection = Some(projection);
+        self
+    }
+
+    /// A decision that takes longer is an abort.
+    #[must_use]
+    pub fn deadline(mut self, deadline: Duration) -> Self {
+        self.deadline = Some(deadline);
+        self
+    }
+
+    /// What the buffer holds after an abort where the reset agent's action is not usable, and while a hard reset is awaited. Default: the
+    /// action of the space that is nearest to 0.
+    #[must_use]
+    pub fn fallback_action(mut self, action: Vec<f32>) -> Self {
+        self.fallback_action = Some(action);
+        self
+    }
+
+    /// Steps at the beginning during which nothing is aborted, for a reset agent that has learned nothing yet. Default: 0.
+    #[must_use]
+    pub fn warm_up_steps(mut self, steps: u64) -> Self {
+        self.warm_up_steps = steps;
+        self
+    }
+
+    /// Failed attempts in a row after which a hard reset is needed (default 1); `None`: never.
+    #[must_use]
+    pub fn reset_attempts(mut self, limit: Option<u32>) -> Self {
+        self.settings.reset_attempts = limit;
+        self
+    }
+
+    /// Steps after which an attempt that has not seen the reset set has failed. Default: 500.
+    #[must_use]
+    pub fn attempt_length(mut self, steps: u64) -> Self {
+        self.settings.attempt_length = steps;
+        self
+    }
+
+    /// Whether an attempt ends as soon as the reset set is reached. Default: true.
+    #[must_use]
+    pub fn stop_on_reset(mut self, stops: bool) -> Self {
+        self.settings.stop_on_reset = stops;
+        self
+    }
+
+    /// Lets the reset agent explore and learn. Default: it acts as well as it can.
+    #[must_use]
+    pub fn learning(mut self, learning: Learning) -> Self {
+        self.learning = Some(learning);
+        self
+    }
+
+    /// The shield.
+    ///
+    /// # Errors
+    /// There is no rule; something does not fit the spaces or the rules; a number is 0 that must not be.
+    pub fn build(self) -> Result<DropIn> {
+        let Self { spaces, reset_agent, mut settings, learning, .. } = self;
+        if self.rules.is_empty() {
+            return Err(Error::invalid_config("a shield without any rule would never abort"));
+        }
+        if settings.reset_attempts == Some(0) || settings.attempt_length == 0 {
+            return Err(Error::invalid_config(
+                "there is at least one attempt to reset, of at least one step",
+            ));
+        }
+        let fallback_action = self.fallback_action.unwrap_or_else(|| nearest_to_zero(&spaces.action));
+        let warm_up_steps = self.warm_up_steps;
+        let ladder_settings = LadderSettings { spaces: spaces.clone(), warm_up_steps, fallback_action };
+        let mut ladder = Ladder::new(RuleTree::All(self.rules), &*reset_agent, ladder_settings)?;
+        if let Some(projection) = self.projection {
+            ladder = ladder.with_projection(projection)?;
+        }
+        if let Some(deadline) = self.deadline {
+            ladder = ladder.with_deadline(deadline);
+        }
+        let (mut batch, mut seed, mut memory) = (0, 0, None);
+        if let Some(learning) = learning {
+            let Learning { updates_per_step, updates, endings, cost_weight, .. } = learning;
+            settings = CycleSettings { updates_per_step, updates, endings, cost_weight, ..settings };
+            settings.explores = true;
+            (batch, seed) = (learning.batch, learning.seed);
+            let masks = Pcg64::seed_from_u64(seed.wrapping_add(1));
+            memory = Some(Memory { experience: learning.experience, masks });
+        }
+        let lengths = [spaces.observation_len(), spaces.action_len()];
+        let sampler = Pcg64::seed_from_u64(seed);
+        let reset = Agent::new(AgentRole::Reset, reset_agent, batch, &spaces, sampler);
+        let parts = CycleParts { forward: None, reset: Some(reset), ladder: Some(ladder), memory };
+        DropIn::new(ResetCycle::new(settings, parts, lengths), self.reset_task)
+    }
+}
