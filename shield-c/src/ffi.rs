@@ -11,6 +11,7 @@ use std::{
 };
 
 use runtime::{
+    cycle::HardResetDue,
     decision::Decision,
     drop_in::{DropIn, StateError},
 };
@@ -268,7 +269,7 @@ unsafe fn see(
     let checked = |drop_in: &mut DropIn| match observation {
         Some(observation) => body(drop_in, observation),
         None => {
-            drop_in.require_hard_reset();
+            drop_in.require_hard_reset(HardResetDue::Lost);
             Err(Error::invalid_argument("the observation is null"))
         }
     };

@@ -18,6 +18,7 @@ use pyo3::{
 };
 use shield_api::{Phase, ResetSignal, Space, Spaces};
 use shield_runtime::{
+    cycle::HardResetDue,
     decision::Decision,
     drop_in::{Defaults, DropIn},
     experiment::{DropInFile, InputError, Override},
@@ -186,8 +187,10 @@ impl Core {
         self.with(py, |inside| inside.drop_in.begin_reset())
     }
 
-    fn require_hard_reset(&self, py: Python<'_>) -> PyResult<()> {
-        self.with(py, |inside| inside.drop_in.require_hard_reset())
+    /// `has_ended`: the environment does not go on from here; else where it stands is not known.
+    fn require_hard_reset(&self, py: Python<'_>, has_ended: bool) -> PyResult<()> {
+        let cause = if has_ended { HardResetDue::Terminated } else { HardResetDue::Lost };
+        self.with(py, |inside| inside.drop_in.require_hard_reset(cause))
     }
 
     #[getter]
@@ -198,6 +201,18 @@ impl Core {
     #[getter]
     fn needs_hard_reset(&self, py: Python<'_>) -> PyResult<bool> {
         self.look(py, DropIn::needs_hard_reset)
+    }
+
+    /// Why a hard reset is needed; empty if none is.
+    #[getter]
+    fn hard_reset_due(&self, py: Python<'_>) -> PyResult<&'static str> {
+        self.look(py, |drop_in| drop_in.hard_reset_due().map_or("", HardResetDue::name))
+    }
+
+    /// Steps of the present episode.
+    #[getter]
+    fn episode_length(&self, py: Python<'_>) -> PyResult<u64> {
+        self.look(py, DropIn::episode_length)
     }
 
     #[getter]

@@ -60,6 +60,17 @@ pub enum HardResetDue {
     Lost,
 }
 
+impl HardResetDue {
+    /// Its name for other languages.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::CycleOver => "cycle_over",
+            Self::Terminated => "terminated",
+            Self::Lost => "lost",
+        }
+    }
+}
+
 /// The last decision, to be reported.
 #[derive(Clone, Copy)]
 pub struct Deliberation<'a> {

@@ -254,9 +254,9 @@ impl DropIn {
         is_in_charge
     }
 
-    /// Where the environment stands is not known, or it cannot go on.
-    pub fn require_hard_reset(&mut self) {
-        self.cycle.require_hard_reset(HardResetDue::Lost);
+    /// Nothing may move before a hard reset.
+    pub fn require_hard_reset(&mut self, cause: HardResetDue) {
+        self.cycle.require_hard_reset(cause);
     }
 }
 

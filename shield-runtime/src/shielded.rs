@@ -3,6 +3,7 @@
 use shield_api::{Environment, EnvironmentSpec, Phase, ResetTask, Result, StepOutcome};
 
 use crate::{
+    cycle::HardResetDue,
     decision::Decision,
     drop_in::DropIn,
     world::{Stepped, World},
@@ -124,9 +125,9 @@ impl<E: Environment> Shielded<E> {
 
     /// Executes the action in the buffer.
     fn execute(&mut self) -> Result<StepOutcome> {
-        let stepped = self.world.step(&self.action).inspect_err(|_| self.inside.require_hard_reset())?;
+        let stepped = self.world.step(&self.action).inspect_err(|_| self.inside.require_hard_reset(HardResetDue::Lost))?;
         let Stepped::Made(outcome) = stepped else {
-            self.inside.require_hard_reset();
+            self.inside.require_hard_reset(HardResetDue::Lost);
             return Ok(StepOutcome { terminated: true, ..StepOutcome::default() });
         };
         self.inside.observe_outcome(self.world.next_observation(), &outcome)?;
@@ -135,7 +136,7 @@ impl<E: Environment> Shielded<E> {
     }
 
     fn place(&mut self, start: Option<&str>, seed: u64) -> Result<()> {
-        self.inside.require_hard_reset();
+        self.inside.require_hard_reset(HardResetDue::Lost);
         self.world.hard_reset(start, seed)?;
         self.inside.hard_reset_done(self.world.observation())
     }

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-import math
+import copy
+import itertools
 import os
 from collections.abc import Callable, Mapping
 from typing import Any, SupportsFloat
@@ -20,7 +21,7 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     the reset agent undo what was done; the environment itself is reset only when that fails `reset_attempts` times in a row, when it has
     terminated or truncated itself, or when `reset` is given a seed or options. Nothing is aborted in the first `warm_up_steps`.
 
-    The clocks of `TimeLimit`s inside are stopped; the wrapper counts in their place, and begins anew with each reset.
+    `TimeLimit`s inside are taken out; the wrapper counts in their place, and begins anew with each reset.
 
     `info["shield"]` of a step has the keys `verdict`, `proposed`, `executed`, `reset_value`, `rule`, `cause` and `reason`, as in `Decision`; of an aborted
     step `executed` is NaN, or for a Discrete action space one less than its first action. `info["shield"]` of a reset has `hard_reset` and `steps`, those of the
@@ -63,20 +64,14 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             overrides=overrides,
         )
         RecordConstructorArgs.__init__(self, _disable_deepcopy=True, abort_reward=abort_reward, **settings)
+        env, self._limit = without_time_limits(env)
         gymnasium.Wrapper.__init__(self, env)
-        self._time_limits = time_limits(env)
-        self._limit = min((limit._max_episode_steps for limit in self._time_limits), default=math.inf)
-        if episode_length is None and config is None and self._time_limits:
+        if episode_length is None and config is None and self._limit is not None:
             settings["episode_length"] = self._limit
         self.abort_reward = float(abort_reward)
         #: The shield itself.
         self.shield = Shield(env.observation_space, env.action_space, **settings)
-        self._nothing = self.shield._actions.nothing()
         self._observation: Any = None
-        self._elapsed = 0
-        self._is_placed = False
-        # Whether something was interrupted between an action and what it led to.
-        self._is_lost = False
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
         """Executes the action, as proposed or altered, if the shield allows it; `info["shield"]` says what it decided.
@@ -85,15 +80,15 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         `reset()` must come first, and ValueError if the action's shape or dtype is wrong; nothing is executed then either.
         """
         shield = self.shield
-        if not self._is_placed or self._is_lost or shield.resetting or shield.needs_hard_reset:
+        if not shield.placed or shield.resetting or shield.needs_hard_reset:
             raise gymnasium.error.ResetNeeded(self._why_not())
-        decision = shield._decide(action)
+        decision = shield.decide(action)
         if not decision.allowed:
-            return self._observation, self.abort_reward, False, True, {"shield": report(decision, self._nothing)}
+            return self._observation, self.abort_reward, False, True, {"shield": report(decision, shield.no_action)}
         observation, reward, terminated, truncated, info = self._execute(decision.action)
-        self._elapsed += 1
         info["shield"] = report(decision, decision.action)
-        return observation, reward, terminated, truncated or self._elapsed >= self._limit, info
+        is_over = self._limit is not None and shield.episode_length >= self._limit
+        return observation, reward, terminated, truncated or is_over, info
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -103,22 +98,18 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         It is reset at once if it is given a seed or options, even empty ones, if it has ended, or if a step was interrupted. `info["shield"]` says which it
         was, and how many steps the reset agent made.
         """
-        steps = 0
-        if self._is_placed and not self._is_lost and seed is None and options is None:
+        shield, steps = self.shield, 0
+        if shield.placed and seed is None and options is None:
             steps = self._undo()
-            if not self.shield.needs_hard_reset:
-                self._elapsed = 0
+            if not shield.needs_hard_reset:
                 return self._observation, {"shield": {"hard_reset": False, "steps": steps}}
-        self._is_lost = True
+        if shield.placed:
+            # If the environment's own reset raises, another must follow.
+            shield.require_hard_reset()
         observation, info = self.env.reset(seed=seed, options=options)
-        self.shield.hard_reset_done(observation)
-        info = {**info, "shield": {"hard_reset": True, "steps": steps}}
-        for limit in self._time_limits:
-            # It never ends an episode, so that a truncation is always the environment's own.
-            limit._elapsed_steps = -math.inf
-        self._elapsed = 0
-        self._observation, self._is_placed, self._is_lost = observation, True, False
-        return observation, info
+        shield.hard_reset_done(observation)
+        self._observation = observation
+        return observation, {**info, "shield": {"hard_reset": True, "steps": steps}}
 
     def run(self, policy: Callable[[Any], Any], steps: int, *, seed: int | None = None) -> list[float]:
         """Lets a finished policy, a function from observation to action, act for so many steps. Returns the return of each episode; the last may
@@ -147,15 +138,18 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         self.shield.load(path)
 
     def _execute(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
-        # Whatever is raised from here on, nobody knows where the environment stands.
-        self._is_lost = True
-        observation, reward, terminated, truncated, info = self.env.step(action)
-        self.shield.observe(observation, terminated=bool(terminated))
-        truncated, info = bool(truncated), dict(info)
-        if truncated:
-            # It has ended its episode by itself, and does not promise to go on from here.
+        try:
+            observation, reward, terminated, truncated, info = self.env.step(action)
+            self.shield.observe(observation, terminated=bool(terminated))
+            truncated, info = bool(truncated), dict(info)
+            if truncated:
+                # It has ended its episode by itself, and does not promise to go on from here.
+                self.shield.require_hard_reset(has_ended=True)
+            self._observation = observation
+        except BaseException:
+            # Where the environment stands is not known.
             self.shield.require_hard_reset()
-        self._observation, self._is_lost = observation, False
+            raise
         return observation, reward, terminated, truncated, info
 
     def _undo(self) -> int:
@@ -163,15 +157,15 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         shield, steps = self.shield, 0
         shield.begin_reset()
         while shield.resetting:
-            self._execute(shield._reset_action())
+            self._execute(shield.reset_action())
             steps += 1
         return steps
 
     def _why_not(self) -> str:
-        if not self._is_placed:
+        if not self.shield.placed:
             return "call reset() before step()"
-        if self._is_lost:
-            return "the last step was interrupted, so that nobody knows where the environment stands: call reset()"
+        if self.shield.hard_reset_due == "lost":
+            return "the last step was interrupted, so that it is not known where the environment stands: call reset()"
         if self.shield.resetting:
             return "the last action was aborted: call reset(), which lets the reset agent undo what was done"
         return "the environment has ended, or the reset agent has given up: call reset()"
@@ -189,11 +183,35 @@ def report(decision: Decision, executed: Any) -> dict[str, Any]:
     }
 
 
-def time_limits(env: gymnasium.Env[Any, Any]) -> list[Any]:
-    """The wrappers inside that end episodes by the clock: a reset agent goes on from there."""
-    found = []
-    while isinstance(env, gymnasium.Wrapper):
-        if isinstance(env, gymnasium.wrappers.TimeLimit):
-            found.append(env)
+class _Still(gymnasium.Env[Any, Any]):
+    """An environment that does not move: what is left of one for a clock to count."""
+
+    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
+        return None, {}
+
+    def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
+        return None, 0.0, False, False, {}
+
+
+def without_time_limits(env: gymnasium.Env[Any, Any]) -> tuple[gymnasium.Env[Any, Any], int | None]:
+    """The environment without the wrappers that end episodes by the clock, since a reset agent goes on from there; and the shortest of their limits."""
+    limits: list[int] = []
+    while isinstance(env, gymnasium.wrappers.TimeLimit):
+        limits.append(steps_of(env))
         env = env.env
-    return found
+    outer = env
+    while isinstance(outer, gymnasium.Wrapper):
+        if isinstance(outer.env, gymnasium.wrappers.TimeLimit):
+            limits.append(steps_of(outer.env))
+            outer.env = outer.env.env
+        else:
+            outer = outer.env
+    return env, min(limits, default=None)
+
+
+def steps_of(limit: gymnasium.wrappers.TimeLimit[Any, Any]) -> int:
+    """The steps after which a time limit ends an episode."""
+    clock = copy.copy(limit)
+    clock.env = _Still()
+    clock.reset()
+    return next(step for step in itertools.count(1) if clock.step(None)[3])

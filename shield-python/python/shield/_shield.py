@@ -129,10 +129,10 @@ class Shield:
     def filter(self, observation: Any, action: Any) -> Decision:
         """Decides on an action; it must be one of the action space, else it is aborted (outside) or refused (ValueError: wrong shape or dtype)."""
         self._observations.write(observation, self._seen)
-        return self._decide(action)
+        return self.decide(action)
 
-    def _decide(self, action: Any) -> Decision:
-        """As `filter`, of the observation that was reported last."""
+    def decide(self, action: Any) -> Decision:
+        """As `filter`, at the observation that was reported last."""
         proposed = self._actions.read(action, self._buffer)
         verdict, reset_value, rule, cause, reason = self._core.filter(self._seen, self._buffer)
         if cause == "invalid_action":
@@ -148,8 +148,8 @@ class Shield:
             reason,
         )
 
-    def _reset_action(self) -> Any:
-        """The reset agent's action, while it is in charge, of the observation that was reported last."""
+    def reset_action(self) -> Any:
+        """The reset agent's action while it is in charge, at the observation that was reported last."""
         self._buffer[:] = 0.0
         self._core.filter(self._seen, self._buffer)
         return self._actions.write(self._buffer)
@@ -163,12 +163,12 @@ class Shield:
             self._observations.write(observation, self._seen)
             self._core.observe(self._seen, self._signal(observation), terminated)
         except BaseException:
-            self._core.require_hard_reset()
+            self.require_hard_reset()
             raise
 
     def hard_reset_done(self, observation: Any) -> None:
         """Everything is at its start, by a person's or the environment's doing. If it raises, a hard reset is still needed."""
-        self._core.require_hard_reset()
+        self.require_hard_reset()
         self._observations.write(observation, self._seen)
         # What says what "reset" means fails here rather than after an action.
         self._signal(observation)
@@ -209,9 +209,30 @@ class Shield:
         """Hands over to the reset agent although nothing was aborted: the task is done. Returns whether it is in charge."""
         return self._core.begin_reset()
 
-    def require_hard_reset(self) -> None:
-        """Nobody knows where the environment stands."""
-        self._core.require_hard_reset()
+    def require_hard_reset(self, *, has_ended: bool = False) -> None:
+        """Nothing may move before `hard_reset_done`: the environment has ended, or where it stands is not known."""
+        self._core.require_hard_reset(has_ended)
+
+    @property
+    def placed(self) -> bool:
+        """Whether a start was ever observed."""
+        return self._core.is_placed
+
+    @property
+    def episode_length(self) -> int:
+        """Steps of the present episode, of the agent in charge."""
+        return self._core.episode_length
+
+    @property
+    def hard_reset_due(self) -> str:
+        """Why a hard reset is needed: `cycle_over` (the reset agent has given up), `terminated`, or `lost` (where the environment stands is not
+        known); empty if none is."""
+        return self._core.hard_reset_due
+
+    @property
+    def no_action(self) -> Any:
+        """What stands for an action that was not executed: NaN, or for a Discrete space one less than its first action."""
+        return self._actions.nothing()
 
     @property
     def resetting(self) -> bool:

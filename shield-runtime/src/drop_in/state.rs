@@ -13,7 +13,7 @@ use crate::{
         file::{read, write},
     },
     agent::AgentState,
-    cycle::{LearnedState, Memory},
+    cycle::{HardResetDue, LearnedState, Memory},
     plugin::PluginState,
     record::Counters,
 };
@@ -89,7 +89,7 @@ impl DropIn {
     /// The file cannot be read or is damaged, belongs to another shield, or a plugin refuses its state; then a hard reset is needed too, and what was
     /// learned may be half of each.
     pub fn load(&mut self, path: &Path) -> Result<(), StateError> {
-        self.require_hard_reset();
+        self.require_hard_reset(HardResetDue::Lost);
         let path = absolute(path)?;
         let state: DropInState = read(&path)?;
         let foreign = |what: String| StateError::Foreign { path: path.display().to_string(), what };
