@@ -8,9 +8,9 @@ use shield_api::{ActMode, Error, Learner, Result};
 use crate::{
     agent::ForwardAgent,
     batch::{Batch, Lane},
-    experiment::EvaluatedAgent,
     plugin::PluginState,
     record::{EvaluationRecord, Tally},
+    settings::EvaluatedAgent,
     shield::{self, Ladder, Moment, restore_rules, save_rules},
     world::Stepped,
 };

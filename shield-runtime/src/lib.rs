@@ -20,6 +20,7 @@ pub mod plugin_check;
 pub mod record;
 pub mod report;
 pub mod run;
+pub mod settings;
 pub mod shield;
 pub mod shielded;
 mod workshop;

@@ -1,6 +1,6 @@
 //! How the reset agent tries, and when it has given up.
 
-use crate::experiment::{BetweenAttempts, ResetTest};
+use crate::settings::{BetweenAttempts, ResetTest};
 
 /// How reset episodes go.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

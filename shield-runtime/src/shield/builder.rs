@@ -7,7 +7,7 @@ use rand_pcg::Pcg64;
 use shield_api::{AbortRule, Error, Learner, Result, Spaces};
 
 use super::{Ladder, LadderSettings, ResetSettings, RuleTree, Shield, nearest_to_zero};
-use crate::{agent::Agent, experience::AgentRole, experiment::ProjectionConfig};
+use crate::{agent::Agent, experience::AgentRole, settings::ProjectionConfig};
 
 /// Describes a [`Shield`]; what is not said has the defaults of an experiment, but nothing is let through in a warm-up.
 pub struct ShieldBuilder {
