@@ -17,8 +17,8 @@ use self::figures::Figures;
 use crate::{
     decision::{Cause, Decision},
     experience::{AgentRole, AgentShare, Experience, Transition},
-    experiment::{Endings, Updates},
     record::Counters,
+    settings::{Endings, Updates},
     shield::Shield,
 };
 

@@ -16,11 +16,11 @@ use crate::{
     agent::{Agent, ForwardAgent},
     evaluation::Evaluator,
     experience::{AgentRole, AgentShare, Experience, Transition},
-    experiment::{BetweenAttempts, Mode, Updates},
     loop_state::LoopRandomness,
     observer::Observer,
     plugin,
     record::{Counters, EpisodeEnd, EpisodeRecord, HardReset, Tally},
+    settings::{BetweenAttempts, Mode, Updates},
     shield::{Attempts, Ladder},
     world::{Stepped, World},
 };

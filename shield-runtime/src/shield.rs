@@ -35,7 +35,7 @@ use crate::{
     agent::Agent,
     decision::{Cause, Decision},
     experience::Experience,
-    experiment::BetweenAttempts,
+    settings::BetweenAttempts,
 };
 
 /// A shield with its reset agent, for a program that drives the robot itself.

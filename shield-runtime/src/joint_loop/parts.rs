@@ -4,7 +4,7 @@ use crate::{
     agent::{Agent, ForwardAgent},
     evaluation::Evaluator,
     experience::Experience,
-    experiment::{BetweenAttempts, Endings, Mode, OnAbort, RecordConfig, ResetTest, Updates},
+    settings::{BetweenAttempts, Endings, Mode, OnAbort, RecordConfig, ResetTest, Updates},
     shield::Ladder,
     world::World,
 };
