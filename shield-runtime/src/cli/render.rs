@@ -22,7 +22,7 @@ use shield_runtime::{
     joint_loop::{JointLoop, Participants},
     observer::Fanout,
     plugin::Registry,
-    run::{Prepared, prepare},
+    run::{Prepared, RecorderState, prepare},
 };
 
 use super::{Failure, eval::one_run, progress::Progress};
@@ -98,8 +98,8 @@ pub fn render(arguments: &RenderArguments, registry: &Registry) -> Result<(), Fa
         return Err(Failure::Input(format!("this variant has no {role} agent")));
     }
     if arguments.experiment.is_dir() {
-        let saved =
-            last_checkpoint(&arguments.experiment).map_err(|error| Failure::Input(format!("{error:#}")))?;
+        let saved = last_checkpoint::<RecorderState>(&arguments.experiment);
+        let saved = saved.map_err(|error| Failure::Input(format!("{error:#}")))?;
         let restored = prepared.participants.restore_agents(&saved.state);
         restored.map_err(|error| Failure::Input(error.to_string()))?;
     }

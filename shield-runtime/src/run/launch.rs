@@ -246,7 +246,7 @@ pub struct Restored {
 /// The folder is not that of a run, has no usable checkpoint, or a plugin cannot be loaded or refuses its state.
 pub fn restore(registry: &Registry, folder: &RunFolder, overrides: &[Override]) -> Result<Restored> {
     let (identity, variant) = of_folder(folder, overrides)?;
-    let saved = last_checkpoint(folder.path())?;
+    let saved = last_checkpoint::<RecorderState>(folder.path())?;
     let mut prepared = prepare(registry, &variant, identity.seed)?;
     prepared.participants.restore_agents(&saved.state)?;
     Ok(Restored { identity, variant, prepared, state: saved.state })
