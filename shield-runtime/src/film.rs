@@ -2,10 +2,8 @@
 //! what the shield decided, and nothing else changes.
 
 mod overlay;
-mod picture;
 mod shared;
 
-pub use picture::Picture;
 pub use shared::{SharedEnvironment, SharedLearner};
 
 use anyhow::{Context, Result};
@@ -16,6 +14,7 @@ use crate::{
     experience::AgentRole,
     observer::Observer,
     record::{Counters, EpisodeRecord, Intervention},
+    report::Picture,
 };
 use overlay::{Caption, Mark, ValueBar};
 

@@ -18,10 +18,11 @@ use shield_runtime::{
     checkpoint::last_checkpoint,
     environment_check::random_action,
     experiment::{Experiment, ExperimentFile, OnResetSuccess, Override, Variant},
-    film::{FilmSettings, Filmer, Picture, SharedEnvironment, SharedLearner},
+    film::{FilmSettings, Filmer, SharedEnvironment, SharedLearner},
     joint_loop::{JointLoop, Participants},
     observer::Fanout,
     plugin::Registry,
+    report::Picture,
     run::{Prepared, RecorderState, prepare},
 };
 
