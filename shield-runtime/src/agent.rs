@@ -6,7 +6,8 @@ use shield_api::{ActMode, Learner, LearnerInfo, Policy, Result, Spaces};
 
 use crate::{
     experience::{AgentRole, BatchBuffers, Experience},
-    plugin::{self, PluginState},
+    plugin,
+    plugin_state::PluginState,
 };
 
 /// The state of an agent or a policy.

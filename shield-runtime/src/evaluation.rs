@@ -8,7 +8,7 @@ use shield_api::{ActMode, Error, Learner, Result};
 use crate::{
     agent::ForwardAgent,
     batch::{Batch, Lane},
-    plugin::PluginState,
+    plugin_state::PluginState,
     record::{EvaluationRecord, Tally},
     settings::EvaluatedAgent,
     shield::{self, Ladder, Moment, restore_rules, save_rules},

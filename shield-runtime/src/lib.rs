@@ -17,6 +17,7 @@ pub mod observer;
 pub mod plugin;
 pub mod plugin_bench;
 pub mod plugin_check;
+pub mod plugin_state;
 pub mod record;
 pub mod report;
 pub mod run;

@@ -16,9 +16,9 @@ mod library;
 mod manifest;
 mod registry;
 mod search_path;
-mod state;
 mod trust;
 
+pub use crate::plugin_state::PluginState;
 pub use entry::{Entry, Identity, Selection, Skipped};
 pub use error::PluginError;
 pub use ffi::{
@@ -30,7 +30,6 @@ pub use library::Library;
 pub use manifest::read_manifests;
 pub use registry::Registry;
 pub use search_path::SearchPath;
-pub use state::PluginState;
 pub use trust::fingerprint;
 
 use std::fmt;

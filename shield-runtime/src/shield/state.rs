@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 use shield_api::{AbortRule, Error, Result};
 
 use super::{Ladder, Shield};
-use crate::{agent::AgentState, plugin::PluginState};
+use crate::{agent::AgentState, plugin_state::PluginState};
 
 /// What outlives a program: the reset agent, the rules and the counts. Not where the robot stands.
 #[derive(Serialize, Deserialize)]
