@@ -7,7 +7,8 @@ use crate::{
     agent::AgentState,
     evaluation::EvaluatorState,
     experience::AgentRole,
-    plugin::{Metric, PluginState},
+    plugin::Metric,
+    plugin_state::PluginState,
     record::{Counters, Tally},
     world::{World, WorldState},
 };

@@ -18,7 +18,6 @@ mod registry;
 mod search_path;
 mod trust;
 
-pub use crate::plugin_state::PluginState;
 pub use entry::{Entry, Identity, Selection, Skipped};
 pub use error::PluginError;
 pub use ffi::{

@@ -12,7 +12,7 @@ use crate::{
         CheckpointError,
         file::{read, write},
     },
-    plugin::PluginState,
+    plugin_state::PluginState,
     record::Counters,
     shield::ShieldState,
 };
