@@ -7,8 +7,9 @@ mod figures;
 mod open;
 mod state;
 
+pub use figures::EpisodeLog;
 pub use open::Defaults;
-pub use state::StateError;
+pub use state::{DropInState, RestoreError};
 
 use rand_pcg::Pcg64;
 use shield_api::{Error, Phase, ResetSignal, ResetTask, Result, Spaces, check_finite, check_length};

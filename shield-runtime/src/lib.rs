@@ -6,6 +6,7 @@ pub mod batch;
 pub mod checkpoint;
 pub mod decision;
 pub mod drop_in;
+pub mod drop_in_files;
 pub mod environment_check;
 pub mod evaluation;
 pub mod experience;

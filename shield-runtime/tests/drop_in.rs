@@ -10,6 +10,7 @@ use shield_api::{AbortRule, Error, ErrorKind, Phase, ResetSignal, RuleVerdict, S
 use shield_runtime::{
     decision::{Cause, Decision},
     drop_in::{DropIn, Learning},
+    drop_in_files,
     experience::Experience,
     experiment::{DropInFile, Endings, OnResetFailure, OnResetSuccess, Override, Updates},
     shield::{Shield, ShieldBuilder},
@@ -182,14 +183,15 @@ fn the_file_of_another_shield_is_loaded_or_the_shield_goes_on_after_it() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("state");
     let agent = || Scripted::acting(|_, _| -1.0);
-    DropIn::new(builder(agent()).build().unwrap(), None).save(&file).unwrap();
+    let mut saved = DropIn::new(builder(agent()).build().unwrap(), None);
+    drop_in_files::save(&mut saved, &file).unwrap();
     let load = |shield: ShieldBuilder, learning: Option<Learning>| {
         let mut drop_in = DropIn::new(shield.build().unwrap(), None);
         if let Some(learning) = learning {
             drop_in = drop_in.learning(learning);
         }
         drop_in.hard_reset_done(&[0.0]).unwrap();
-        let loaded = drop_in.load(&file);
+        let loaded = drop_in_files::load(&mut drop_in, &file);
         assert!(drop_in.needs_hard_reset());
         loaded.map_err(|error| error.to_string())
     };

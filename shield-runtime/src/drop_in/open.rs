@@ -1,8 +1,6 @@
 //! From a configuration to a shield that can decide.
 
-use std::path::Path;
-
-use shield_api::{Result, Space, Spaces};
+use shield_api::{Space, Spaces};
 
 use super::{DropIn, Learning};
 use crate::{
@@ -87,14 +85,6 @@ impl DropIn {
         };
         let drop_in = Self::new(shield, task).hard_reset_cost(config.hard_reset_cost);
         Ok(if learns { drop_in.learning(learning) } else { drop_in })
-    }
-
-    /// Writes an event file for TensorBoard, `tensorboard/…` in `folder`, with what each episode comes to.
-    ///
-    /// # Errors
-    /// It cannot be written.
-    pub fn log_to(&mut self, folder: &Path) -> Result<()> {
-        self.figures.log_to(folder)
     }
 }
 
