@@ -19,9 +19,9 @@ use pyo3::{
 use shield_api::{Phase, ResetSignal, Space, Spaces};
 use shield_runtime::{
     decision::Decision,
-    drop_in::{Defaults, DropIn},
+    drop_in::DropIn,
     drop_in_files,
-    experiment::{DropInFile, InputError, Override},
+    experiment::{Defaults, DropInFile, InputError, Override},
     plugin::{Registry, SearchPath},
 };
 
@@ -132,7 +132,7 @@ impl Core {
             };
             let file = file.map_err(config_error)?;
             let registry = Registry::scan(&SearchPath::beside(&plugins));
-            let mut drop_in = DropIn::open(&registry, &file, Some(spaces)).map_err(config_error)?;
+            let mut drop_in = file.open(&registry, Some(spaces)).map_err(config_error)?;
             if let Some(folder) = tensorboard {
                 drop_in_files::log_to(&mut drop_in, &folder).map_err(failed)?;
             }

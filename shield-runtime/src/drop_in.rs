@@ -4,11 +4,9 @@
 //! the caller's environment stands on its own, [`Shielded`](crate::shielded::Shielded) is the loop around this.
 
 mod figures;
-mod open;
 mod state;
 
 pub use figures::EpisodeLog;
-pub use open::Defaults;
 pub use state::{DropInState, RestoreError};
 
 use rand_pcg::Pcg64;

@@ -1,66 +1,27 @@
 //! From a configuration to a shield that can decide.
 
-use shield_api::{Space, Spaces};
+use shield_api::Spaces;
 
-use super::{DropIn, Learning};
+use super::{Stream, Workshop};
 use crate::{
     agent::Agent,
+    drop_in::{DropIn, Learning},
     experience::{AgentRole, Experience},
-    experiment::{DropInConfig, DropInFile, InputError, Override},
+    experiment::{DropInConfig, DropInFile, InputError, SpacesConfig},
     plugin::Registry,
     shield::{ResetSettings, Shield},
-    workshop::{Stream, Workshop},
 };
 
-/// The configurations that are used where none is given.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Defaults {
-    /// For a box of actions.
-    Box,
-    /// For a choice of actions.
-    Discrete,
-}
-
-impl Defaults {
-    /// Those that fit an action space.
-    pub fn of(action: &Space) -> Self {
-        match action {
-            Space::Box { .. } => Self::Box,
-            Space::Discrete { .. } => Self::Discrete,
-        }
-    }
-
-    /// As RON.
-    pub fn text(self) -> &'static str {
-        match self {
-            Self::Box => include_str!("box.ron"),
-            Self::Discrete => include_str!("discrete.ron"),
-        }
-    }
-
-    /// With overrides.
-    ///
-    /// # Errors
-    /// An override does not fit.
-    pub fn file(self, sets: &[Override]) -> std::result::Result<DropInFile, InputError> {
-        DropInFile::from_text("the usual configuration", self.text(), sets)
-    }
-}
-
-impl DropIn {
-    /// Loads and configures everything that `file` names, for an environment with these spaces; without any, for those in the file.
+impl DropInFile {
+    /// Loads and configures everything that the file names, for an environment with these spaces; without any, for those in the file.
     ///
     /// # Errors
     /// A plugin is missing or broken, refuses its configuration, or does not fit the others; there are no spaces, or two different ones.
-    pub fn open(
-        registry: &Registry,
-        file: &DropInFile,
-        spaces: Option<Spaces>,
-    ) -> std::result::Result<Self, InputError> {
-        let DropInFile { config, source } = file;
+    pub fn open(&self, registry: &Registry, spaces: Option<Spaces>) -> Result<DropIn, InputError> {
+        let Self { config, source } = self;
         let (pins, threads, seed) = (&config.pins, config.threads, config.seed);
         let workshop = Workshop { registry, source, pins, threads, seed };
-        let spaces = spaces_of(file, spaces)?;
+        let spaces = spaces_of(self, spaces)?;
         let task = match &config.reset_task {
             None => None,
             Some(choice) => Some(workshop.reset_task(choice, &workshop.setup(Stream::ResetTask, &spaces))?),
@@ -83,7 +44,7 @@ impl DropIn {
             cost_weight: settings.cost_weight,
             masks: workshop.generator(Stream::Masks),
         };
-        let drop_in = Self::new(shield, task).hard_reset_cost(config.hard_reset_cost);
+        let drop_in = DropIn::new(shield, task).hard_reset_cost(config.hard_reset_cost);
         Ok(if learns { drop_in.learning(learning) } else { drop_in })
     }
 }
@@ -100,8 +61,8 @@ fn resets(config: &DropInConfig) -> ResetSettings {
     }
 }
 
-fn spaces_of(file: &DropInFile, given: Option<Spaces>) -> std::result::Result<Spaces, InputError> {
-    let written = file.config.spaces.clone().map(crate::experiment::SpacesConfig::into_spaces);
+fn spaces_of(file: &DropInFile, given: Option<Spaces>) -> Result<Spaces, InputError> {
+    let written = file.config.spaces.clone().map(SpacesConfig::into_spaces);
     let error = |message: &str| file.source.error_at("spaces", None, message);
     match (given, written) {
         (Some(given), Some(written)) if given != written => {
