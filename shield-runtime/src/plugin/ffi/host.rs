@@ -106,6 +106,7 @@ unsafe extern "C" fn write_log(level: u32, message: Text) {
 unsafe extern "C" fn keep_metric(name: Text, value: f64) {
     // SAFETY: the plugin's text lives for the call.
     let name = unsafe { name.as_str() };
+    shield_api::metrics::report(name, value);
     // A thread that is ending, or a host that is just draining, takes no more figures.
     METRICS
         .try_with(|metrics| {
