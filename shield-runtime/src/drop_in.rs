@@ -112,7 +112,7 @@ impl DropIn {
         self.shield.require_hard_reset();
         check_finite("the observation after a reset", observation, self.observation.len())?;
         if let Some(task) = &mut self.task {
-            task.observe_start(observation)?;
+            self.shield.metrics().collect(|| task.observe_start(observation))?;
         }
         if self.is_placed {
             self.counters.hard_resets += 1;
@@ -149,7 +149,8 @@ impl DropIn {
             return Err(error);
         }
         let is_forward = self.shield.phase() == Phase::Forward;
-        let decision = self.shield.filter(observation, action);
+        let metrics = self.shield.metrics().clone();
+        let decision = metrics.collect(|| self.shield.filter(observation, action));
         if is_forward {
             self.count(decision);
         } else {
@@ -240,7 +241,10 @@ impl DropIn {
 
     fn signal(&mut self, next_observation: &[f32], given: Option<ResetSignal>) -> Result<ResetSignal> {
         let signal = match (&mut self.task, given) {
-            (Some(task), None) => task.evaluate(&self.observation, &self.executed, next_observation)?,
+            (Some(task), None) => {
+                let evaluate = || task.evaluate(&self.observation, &self.executed, next_observation);
+                self.shield.metrics().collect(evaluate)?
+            }
             (None, Some(signal)) => signal,
             (None, None) => {
                 return Err(Error::failed(
@@ -276,7 +280,7 @@ impl DropIn {
         };
         if *updates_per_step > 0 && (in_charge == Phase::Reset || *updates == Updates::Both) {
             self.shield.learn(experience, *updates_per_step)?;
-            self.figures.take();
+            self.figures.take(self.shield.metrics());
         }
         Ok(())
     }

@@ -9,7 +9,7 @@ pub use parts::{LoopSettings, Participants};
 use std::sync::atomic::AtomicBool;
 
 use rand::Rng;
-use shield_api::StepOutcome;
+use shield_api::{StepOutcome, metrics::Metrics};
 
 use self::state::Start;
 use crate::{
@@ -18,7 +18,6 @@ use crate::{
     experience::{AgentRole, AgentShare, Experience, Transition},
     loop_state::LoopRandomness,
     observer::Observer,
-    plugin,
     record::{Counters, EpisodeEnd, EpisodeRecord, HardReset, Tally},
     settings::{BetweenAttempts, Mode, Updates},
     shield::{Attempts, Ladder},
@@ -54,6 +53,8 @@ pub struct JointLoop<'a> {
     /// The environment's state before a decision that is recorded with it.
     state: Vec<u8>,
     values: Vec<f32>,
+    /// Everyone's figures since the last episode.
+    metrics: Metrics,
 }
 
 impl<'a> JointLoop<'a> {
@@ -65,7 +66,10 @@ impl<'a> JointLoop<'a> {
         observer: &'a mut dyn Observer,
         stop: &'a AtomicBool,
     ) -> Self {
-        let Participants { world, forward, reset, shield, evaluator, experience } = participants;
+        let Participants { world, mut forward, mut reset, shield, evaluator, experience } = participants;
+        let metrics = Metrics::default();
+        forward.iter_mut().for_each(|forward| forward.report_to(&metrics));
+        reset.iter_mut().for_each(|reset| reset.report_to(&metrics));
         let action = vec![0.0; world.spec().spaces.action_len()];
         Self {
             attempts: Attempts::new(settings.reset_attempts),
@@ -92,6 +96,7 @@ impl<'a> JointLoop<'a> {
             turn: AgentRole::Forward,
             is_interrupted: false,
             last_checkpoint: 0,
+            metrics,
         }
     }
 
@@ -110,6 +115,11 @@ impl<'a> JointLoop<'a> {
     /// # Errors
     /// A plugin or the observer failed. Nothing was executed that was not decided before.
     pub fn run(&mut self) -> anyhow::Result<bool> {
+        let metrics = self.metrics.clone();
+        metrics.collect(|| self.take_turns())
+    }
+
+    fn take_turns(&mut self) -> anyhow::Result<bool> {
         match self.start {
             Start::New => self.place()?,
             Start::HardReset => self.lose_the_world()?,
@@ -324,7 +334,7 @@ impl<'a> JointLoop<'a> {
         self.observer.on_episode(&episode, &self.counters)?;
         let (step, observer) = (self.counters.steps, &mut self.observer);
         let mut taken = Ok(());
-        plugin::drain_metrics(&mut |name, mean| {
+        self.metrics.drain(&mut |name, mean| {
             if taken.is_ok() {
                 taken = observer.on_metric(step, name, mean);
             }

@@ -2,12 +2,12 @@
 
 use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
+use shield_api::metrics::Metric;
 
 use crate::{
     agent::AgentState,
     evaluation::EvaluatorState,
     experience::AgentRole,
-    plugin::Metric,
     plugin_state::PluginState,
     record::{Counters, Tally},
     world::{World, WorldState},

@@ -29,7 +29,7 @@ pub use rules::RuleTree;
 pub(crate) use setup::nearest_to_zero;
 pub(crate) use state::{ShieldState, restore_rules, save_rules};
 
-use shield_api::{ActMode, Phase, Spaces};
+use shield_api::{ActMode, Phase, Spaces, metrics::Metrics};
 
 use crate::{
     agent::Agent,
@@ -260,6 +260,11 @@ impl Shield {
     /// Whether a plugin that the shield needs is out of service: from now on everything is aborted.
     pub fn is_broken(&self) -> bool {
         self.ladder.is_broken()
+    }
+
+    /// What the reset agent reports while it learns.
+    pub fn metrics(&self) -> &Metrics {
+        self.reset_agent.metrics()
     }
 
     /// Lets the reset agent learn from what happened.

@@ -1,9 +1,9 @@
 //! What the learner reports, and what each episode comes to.
 
-use shield_api::{Phase, Result};
+use shield_api::{Phase, Result, metrics::Metrics};
 
 use super::DropIn;
-use crate::{plugin, record::Counters};
+use crate::record::Counters;
 
 /// Receives what each episode of a drop-in comes to.
 pub trait EpisodeLog: Send {
@@ -45,9 +45,9 @@ pub(super) struct Figures {
 }
 
 impl Figures {
-    /// Takes what plugins have reported on this thread.
-    pub fn take(&mut self) {
-        plugin::drain_metrics(&mut |name, mean| {
+    /// Takes what was reported since the last time.
+    pub fn take(&mut self, metrics: &Metrics) {
+        metrics.drain(&mut |name, mean| {
             let known = self.figures.iter().position(|figure| figure.name == name);
             let index = known.unwrap_or_else(|| {
                 self.figures.push(Figure { name: name.to_owned(), sum: 0.0, count: 0, last: f64::NAN });

@@ -11,7 +11,6 @@ use crate::{
     experience::AgentRole,
     loop_state::LoopState,
     observer::{Occasion, Snapshot},
-    plugin,
     record::Tally,
     shield::{Ladder, restore_rules, save_rules},
 };
@@ -70,7 +69,7 @@ impl JointLoop<'_> {
             check_length("the saved action", previous, self.previous.len())?;
             self.previous.copy_from_slice(previous);
         }
-        plugin::restore_metrics(&state.metrics);
+        self.metrics.restore(&state.metrics);
         self.randomness = state.randomness.clone();
         self.has_previous = state.previous.is_some();
         self.counters = state.counters;
@@ -140,7 +139,7 @@ impl JointLoop<'_> {
             reset: self.reset.as_ref().map(Agent::save).transpose()?,
             rules: save_rules(self.shield.as_mut())?,
             evaluator: self.evaluator.as_mut().map(Evaluator::save).transpose()?,
-            metrics: plugin::save_metrics(),
+            metrics: self.metrics.save(),
         };
         self.observer.on_checkpoint(&Snapshot { occasion, state: &state, experience: &self.experience })
     }
