@@ -6,7 +6,6 @@ use shield_api::{ActMode, Learner, LearnerInfo, Policy, Result, Spaces, metrics:
 
 use crate::{
     experience::{AgentRole, BatchBuffers, Experience},
-    plugin,
     plugin_state::PluginState,
 };
 
@@ -89,15 +88,12 @@ impl Agent {
         if experience.len_for(self.role) < self.buffers.size().max(1) {
             return Ok(());
         }
-        let role = self.role.name();
-        plugin::in_metric_scope(role, || {
-            self.metrics.collect_as(role, || {
-                for _ in 0..updates {
-                    let batch = experience.sample(self.role, &mut self.buffers, &mut self.sampler);
-                    self.learner.update(&batch)?;
-                }
-                Ok(())
-            })
+        self.metrics.collect_as(self.role.name(), || {
+            for _ in 0..updates {
+                let batch = experience.sample(self.role, &mut self.buffers, &mut self.sampler);
+                self.learner.update(&batch)?;
+            }
+            Ok(())
         })
     }
 }

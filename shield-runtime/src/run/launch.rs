@@ -18,7 +18,7 @@ use crate::{
     joint_loop::JointLoop,
     loop_state::LoopState,
     observer::{Fanout, Observer},
-    plugin::{PluginError, Registry, clear_metrics},
+    plugin::{PluginError, Registry},
 };
 
 /// Which run, with everything that it is made of.
@@ -203,8 +203,6 @@ impl Launch {
     pub fn run(self, progress: impl Observer, stop: &AtomicBool) -> Result<Summary> {
         let Self { prepared, recorder, state, folder, name, .. } = self;
         let budget = prepared.settings.steps;
-        // A run that came before on this thread leaves nothing to this one.
-        clear_metrics();
         let mut observer = Fanout(recorder, progress);
         let mut joint = JointLoop::new(
             prepared.settings,
