@@ -7,7 +7,6 @@
 #![allow(clippy::print_stdout, reason = "an example")]
 
 use shield_runtime::{
-    drop_in::DropIn,
     experiment::DropInFile,
     plugin::{Registry, SearchPath},
 };
@@ -26,7 +25,7 @@ fn execute(position: f32, action: f32) -> f32 {
 
 fn main() -> Result<(), Box<dyn std::error::Error>> {
     let file = DropInFile::read(concat!(env!("CARGO_MANIFEST_DIR"), "/../examples/c/cart.ron"), &[])?;
-    let mut shield = DropIn::open(&Registry::scan(&SearchPath::from_environment()), &file, None)?;
+    let mut shield = file.open(&Registry::scan(&SearchPath::from_environment()), None)?;
     let mut position = 0.0;
     for _ in 0..6_000 {
         let mut action = [policy(position)];

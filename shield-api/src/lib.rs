@@ -11,6 +11,7 @@ pub mod export;
 mod frame;
 mod learner;
 pub mod manifest;
+pub mod metrics;
 mod plugin;
 mod policy;
 mod reset_task;

@@ -13,7 +13,8 @@ use std::{
 use runtime::{
     cycle::HardResetDue,
     decision::Decision,
-    drop_in::{DropIn, StateError},
+    drop_in::DropIn,
+    drop_in_files::{self, StateError},
 };
 use shield_api::{Error, Phase, ResetSignal};
 
@@ -210,7 +211,7 @@ pub unsafe extern "C" fn shield_reason(shield: *const Shield) -> *const c_char {
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn shield_save(shield: *mut Shield, file: *const c_char) -> i32 {
     // SAFETY: the caller's promise.
-    unsafe { with_file(shield, file, DropIn::save) }
+    unsafe { with_file(shield, file, drop_in_files::save) }
 }
 
 /// Goes on from a file of a shield with the same spaces, reset agent, rules and reset task; a hard reset is needed then, also after a failure.
@@ -220,7 +221,7 @@ pub unsafe extern "C" fn shield_save(shield: *mut Shield, file: *const c_char) -
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn shield_load(shield: *mut Shield, file: *const c_char) -> i32 {
     // SAFETY: the caller's promise.
-    unsafe { with_file(shield, file, DropIn::load) }
+    unsafe { with_file(shield, file, drop_in_files::load) }
 }
 
 /// Why the last call of this thread has failed; empty if it has not. Valid until its next call.

@@ -30,7 +30,7 @@ pub fn open(config: &Path, library_folder: Option<&Path>) -> Result<Shield, Stri
     let file = DropInFile::read(config, &[]).map_err(|error| error.to_string())?;
     let search_path = library_folder.map_or_else(SearchPath::from_environment, SearchPath::beside);
     let registry = Registry::scan(&search_path);
-    let drop_in = DropIn::open(&registry, &file, None).map_err(|error| error.to_string())?;
+    let drop_in = file.open(&registry, None).map_err(|error| error.to_string())?;
     let rest = drop_in.fallback_action().to_vec();
     Ok(Shield { drop_in, reason: CString::default(), rest, is_poisoned: false })
 }

@@ -20,8 +20,9 @@ use shield_api::{Phase, ResetSignal, Space, Spaces};
 use shield_runtime::{
     cycle::HardResetDue,
     decision::Decision,
-    drop_in::{Defaults, DropIn},
-    experiment::{DropInFile, InputError, Override},
+    drop_in::DropIn,
+    drop_in_files,
+    experiment::{Defaults, DropInFile, InputError, Override},
     plugin::{Registry, SearchPath},
 };
 
@@ -132,9 +133,9 @@ impl Core {
             };
             let file = file.map_err(config_error)?;
             let registry = Registry::scan(&SearchPath::beside(&plugins));
-            let mut drop_in = DropIn::open(&registry, &file, Some(spaces)).map_err(config_error)?;
+            let mut drop_in = file.open(&registry, Some(spaces)).map_err(config_error)?;
             if let Some(folder) = tensorboard {
-                drop_in.log_to(&folder).map_err(failed)?;
+                drop_in_files::log_to(&mut drop_in, &folder).map_err(failed)?;
             }
             let rules = file.config.rules().map(|choice| choice.plugin.clone()).collect();
             let observation = vec![0.0; drop_in.spaces().observation_len()];
@@ -234,11 +235,11 @@ impl Core {
     }
 
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
-        self.with(py, |inside| inside.drop_in.save(&path))?.map_err(failed)
+        self.with(py, |inside| drop_in_files::save(&mut inside.drop_in, &path))?.map_err(failed)
     }
 
     fn load(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
-        self.with(py, |inside| inside.drop_in.load(&path))?.map_err(failed)
+        self.with(py, |inside| drop_in_files::load(&mut inside.drop_in, &path))?.map_err(failed)
     }
 }
 

@@ -2,11 +2,11 @@
 
 use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
-use shield_api::{ActMode, Learner, LearnerInfo, Policy, Result, Spaces};
+use shield_api::{ActMode, Learner, LearnerInfo, Policy, Result, Spaces, metrics::Metrics};
 
 use crate::{
     experience::{AgentRole, BatchBuffers, Experience},
-    plugin::{self, PluginState},
+    plugin_state::PluginState,
 };
 
 /// The state of an agent or a policy.
@@ -25,6 +25,7 @@ pub struct Agent {
     buffers: BatchBuffers,
     /// Draws the batches.
     sampler: Pcg64,
+    metrics: Metrics,
 }
 
 impl Agent {
@@ -38,12 +39,7 @@ impl Agent {
     ) -> Self {
         let info = learner.info();
         let buffers = BatchBuffers::new(batch, spaces, info.members);
-        Self { role, learner, info, buffers, sampler }
-    }
-
-    /// The same agent with something around its learner.
-    pub fn map_learner(self, wrap: impl FnOnce(Box<dyn Learner>) -> Box<dyn Learner>) -> Self {
-        Self { learner: wrap(self.learner), ..self }
+        Self { role, learner, info, buffers, sampler, metrics: Metrics::default() }
     }
 
     /// Ensemble size and discount.
@@ -54,6 +50,16 @@ impl Agent {
     /// The learner itself.
     pub fn learner(&mut self) -> &mut dyn Learner {
         &mut *self.learner
+    }
+
+    /// What its learner reports while it learns, each name preceded by the agent's role, such as `reset/critic_loss`.
+    pub fn metrics(&self) -> &Metrics {
+        &self.metrics
+    }
+
+    /// Lets its figures go to `metrics` from now on.
+    pub fn report_to(&mut self, metrics: &Metrics) {
+        self.metrics = metrics.clone();
     }
 
     pub(crate) fn save(&self) -> Result<AgentState> {
@@ -77,7 +83,7 @@ impl Agent {
         if experience.len_for(self.role) < self.buffers.size().max(1) {
             return Ok(());
         }
-        plugin::in_metric_scope(self.role.name(), || {
+        self.metrics.collect_as(self.role.name(), || {
             for _ in 0..updates {
                 let batch = experience.sample(self.role, &mut self.buffers, &mut self.sampler);
                 self.learner.update(&batch)?;
@@ -120,6 +126,14 @@ impl ForwardAgent {
         match self {
             Self::Learner(agent) => agent.info.members,
             Self::Policy(_) => 0,
+        }
+    }
+
+    /// Lets the figures of a learner go to `metrics` from now on.
+    pub fn report_to(&mut self, metrics: &Metrics) {
+        match self {
+            Self::Learner(agent) => agent.report_to(metrics),
+            Self::Policy(_) => {}
         }
     }
 

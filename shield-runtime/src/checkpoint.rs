@@ -8,4 +8,4 @@ pub(crate) mod file;
 mod store;
 
 pub use file::CheckpointError;
-pub use store::{CheckpointStore, PluginVersion, Provenance, Saved, last_checkpoint};
+pub use store::{CheckpointStore, PluginVersion, Provenance, RunFiles, Saved, last_checkpoint};

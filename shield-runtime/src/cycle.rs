@@ -17,14 +17,14 @@ pub use state::{CycleState, LearnedState};
 pub(crate) use state::{restore_rules, save_rules};
 
 use rand_pcg::Pcg64;
-use shield_api::{ActMode, Error, ErrorKind, Learner, Result, StepOutcome};
+use shield_api::{ActMode, Error, ErrorKind, Learner, Result, StepOutcome, metrics::Metrics};
 
 use crate::{
     agent::{Agent, ForwardAgent},
     decision::{Cause, Decision},
     experience::{AgentRole, AgentShare, Experience, Transition},
-    experiment::{BetweenAttempts, Mode, Updates},
     record::{Counters, EpisodeEnd, EpisodeRecord, Tally},
+    settings::{BetweenAttempts, Mode, Updates},
     shield::{Agents, Ladder, Moment},
 };
 
@@ -118,17 +118,22 @@ pub struct ResetCycle {
     previous: Vec<f32>,
     has_previous: bool,
     values: Vec<f32>,
+    /// What the plugins have reported.
+    metrics: Metrics,
 }
 
 impl ResetCycle {
     /// A cycle before the first start, for observations and actions of these lengths.
     pub fn new(
         settings: CycleSettings,
-        parts: CycleParts,
+        mut parts: CycleParts,
         [observation_len, action_len]: [usize; 2],
     ) -> Self {
-        let action = vec![0.0; action_len];
+        let (action, metrics) = (vec![0.0; action_len], Metrics::default());
+        parts.forward.iter_mut().for_each(|forward| forward.report_to(&metrics));
+        parts.reset.iter_mut().for_each(|reset| reset.report_to(&metrics));
         Self {
+            metrics,
             turn: first_turn(&settings.mode),
             settings,
             parts,
@@ -544,6 +549,11 @@ impl ResetCycle {
     /// Whether a plugin that the shield needs is out of service: from now on everything is aborted.
     pub fn is_broken(&self) -> bool {
         self.parts.ladder.as_ref().is_some_and(Ladder::is_broken)
+    }
+
+    /// What the plugins have reported, each name of an agent's preceded by its role, such as `reset/critic_loss`.
+    pub fn metrics(&self) -> &Metrics {
+        &self.metrics
     }
 
     /// What the agents learn from.

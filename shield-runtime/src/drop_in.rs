@@ -5,12 +5,11 @@
 
 mod builder;
 mod figures;
-mod open;
 mod state;
 
 pub use builder::{DropInBuilder, Learning};
-pub use open::Defaults;
-pub use state::StateError;
+pub use figures::EpisodeLog;
+pub use state::{DropInState, RestoreError};
 
 use shield_api::{
     Error, Learner, Phase, ResetSignal, ResetTask, Result, Spaces, StepOutcome, check_finite, check_length,
@@ -115,7 +114,7 @@ impl DropIn {
         self.cycle.require_hard_reset(HardResetDue::Lost);
         check_finite("the observation after a reset", observation, self.observation.len())?;
         if let Some(task) = &mut self.task {
-            task.observe_start(observation)?;
+            self.cycle.metrics().collect(|| task.observe_start(observation))?;
         }
         if self.cycle.is_placed() {
             self.cycle.count_hard_reset(1.0, true);
@@ -130,7 +129,8 @@ impl DropIn {
     /// # Errors
     /// A length is wrong, the shield is out of service, or the reset task failed: `action` holds the fallback action.
     pub fn filter(&mut self, observation: &[f32], action: &mut [f32]) -> Result<Decision> {
-        let decided = self.decide(observation, action);
+        let metrics = self.cycle.metrics().clone();
+        let decided = metrics.collect(|| self.decide(observation, action));
         write_safe(self.cycle.action(), action);
         let decision = decided?;
         if self.cycle.is_broken() {
@@ -210,7 +210,7 @@ impl DropIn {
     fn take_note(&mut self, next_observation: &[f32], outcome: &StepOutcome) -> Result<()> {
         let in_charge = self.phase();
         let end = self.cycle.observe(next_observation, outcome)?;
-        self.figures.take();
+        self.figures.take(self.cycle.metrics());
         self.figures.step(in_charge, outcome.reset_reward);
         let Some(end) = end else { return Ok(()) };
         let attempt = self.cycle.finish(end);
@@ -227,7 +227,10 @@ impl DropIn {
     fn signal(&mut self, next_observation: &[f32], given: Option<ResetSignal>) -> Result<ResetSignal> {
         check_finite("the observation after a step", next_observation, self.observation.len())?;
         let signal = match (&mut self.task, given) {
-            (Some(task), None) => task.evaluate(&self.observation, self.cycle.action(), next_observation)?,
+            (Some(task), None) => {
+                let (observation, action) = (&self.observation, self.cycle.action());
+                self.cycle.metrics().collect(|| task.evaluate(observation, action, next_observation))?
+            }
             (None, Some(signal)) => signal,
             (None, None) => {
                 return Err(Error::failed(

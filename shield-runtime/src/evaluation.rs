@@ -8,9 +8,9 @@ use shield_api::{ActMode, Error, Learner, Result};
 use crate::{
     agent::ForwardAgent,
     batch::{Batch, Lane},
-    experiment::EvaluatedAgent,
-    plugin::PluginState,
+    plugin_state::PluginState,
     record::{EvaluationRecord, Tally},
+    settings::EvaluatedAgent,
     cycle::{restore_rules, save_rules},
     shield::{self, Ladder, Moment},
     world::Stepped,

@@ -1,6 +1,7 @@
 //! Experiments: RON files, their variants, and where in them a fault lies.
 
 mod config;
+mod defaults;
 mod difference;
 mod drop_in;
 mod edit;
@@ -26,6 +27,7 @@ pub use config::{
     PluginChoice, ProjectionConfig, QpConfig, RecordConfig, ResetAttempts, ResetTest, RuleConfig,
     ShieldConfig, SpaceConfig, SpacesConfig, Unlimited, Updates, WorkerConfig, cycle_settings,
 };
+pub use defaults::Defaults;
 pub use difference::{Difference, differences, first_difference};
 pub use drop_in::DropInFile;
 pub use error::{InputError, Location};

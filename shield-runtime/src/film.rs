@@ -1,9 +1,6 @@
 //! Films what a loop executes: an observer that draws the environment and asks the reset agent for values, and changes nothing.
 
 mod overlay;
-mod picture;
-
-pub use picture::Picture;
 
 use anyhow::{Context, Result};
 use embedded_graphics::pixelcolor::RgbColor;
@@ -13,6 +10,7 @@ use crate::{
     experience::AgentRole,
     observer::{Observer, Scene, Step},
     record::{Counters, EpisodeRecord, Intervention},
+    report::Picture,
 };
 use overlay::{Caption, Mark, ValueBar};
 

@@ -16,10 +16,9 @@ use crate::{
     cycle::{CycleParts, HardResetDue, ResetCycle},
     evaluation::Evaluator,
     experience::AgentRole,
-    experiment::Mode,
     observer::{Observer, Occasion, Scene, Step},
-    plugin,
     record::{Counters, EpisodeEnd, EpisodeRecord, HardReset},
+    settings::Mode,
     world::{Stepped, World},
 };
 
@@ -88,6 +87,11 @@ impl<'a> JointLoop<'a> {
     /// # Errors
     /// A plugin or the observer failed. Nothing was executed that was not decided before.
     pub fn run(&mut self) -> anyhow::Result<bool> {
+        let metrics = self.cycle.metrics().clone();
+        metrics.collect(|| self.take_turns())
+    }
+
+    fn take_turns(&mut self) -> anyhow::Result<bool> {
         match self.start {
             Start::New => self.place()?,
             Start::HardReset => self.lose_the_world()?,
@@ -170,7 +174,7 @@ impl<'a> JointLoop<'a> {
         self.observer.on_episode(&episode, self.cycle.counters())?;
         let (step, observer) = (self.counters().steps, &mut self.observer);
         let mut taken = Ok(());
-        plugin::drain_metrics(&mut |name, mean| {
+        self.cycle.metrics().drain(&mut |name, mean| {
             if taken.is_ok() {
                 taken = observer.on_metric(step, name, mean);
             }

@@ -2,12 +2,13 @@
 
 use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
+use shield_api::metrics::Metric;
 
 use crate::{
     agent::AgentState,
     cycle::{CycleState, LearnedState},
     evaluation::EvaluatorState,
-    plugin::{Metric, PluginState},
+    plugin_state::PluginState,
     record::Counters,
     world::{World, WorldState},
 };

@@ -16,21 +16,18 @@ mod library;
 mod manifest;
 mod registry;
 mod search_path;
-mod state;
 mod trust;
 
 pub use entry::{Entry, Identity, Selection, Skipped};
 pub use error::PluginError;
 pub use ffi::{
-    LoadedAbortRule, LoadedEnvironment, LoadedLearner, LoadedPolicy, LoadedResetTask, clear_metrics,
-    drain_metrics, host, host_without_metrics, in_metric_scope,
+    LoadedAbortRule, LoadedEnvironment, LoadedLearner, LoadedPolicy, LoadedResetTask, host,
+    host_without_metrics,
 };
-pub(crate) use ffi::{Metric, restore_metrics, save_metrics};
 pub use library::Library;
 pub use manifest::read_manifests;
 pub use registry::Registry;
 pub use search_path::SearchPath;
-pub use state::PluginState;
 pub use trust::fingerprint;
 
 use std::fmt;

@@ -4,7 +4,6 @@
 //! plugin or solver that fails, a missed deadline. [`Ladder`] decides and does nothing else; what follows a decision is the
 //! [reset cycle](crate::cycle)'s.
 
-mod rejected;
 mod clock;
 mod explanation;
 mod jury;
@@ -12,6 +11,7 @@ mod ladder;
 mod moment;
 mod projection;
 mod qp;
+mod rejected;
 mod rows;
 mod rules;
 mod setup;

@@ -1,5 +1,7 @@
 //! Makes the plugins that an experiment or a drop-in names, and leads what they refuse back to the user's file.
 
+mod drop_in;
+
 use std::time::Duration;
 
 use indexmap::IndexMap;

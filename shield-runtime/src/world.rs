@@ -1,6 +1,9 @@
 //! The environment as the loop sees it: with the reset task applied, and every number checked.
 
-use std::sync::atomic::Ordering;
+use std::sync::{
+    Arc,
+    atomic::{AtomicBool, Ordering},
+};
 
 use serde::{Deserialize, Serialize};
 use shield_api::{
@@ -8,7 +11,10 @@ use shield_api::{
     check_length,
 };
 
-use crate::plugin::{PluginState, isolated::RestartFlag};
+use crate::plugin_state::PluginState;
+
+/// Set when a failed step has put a new environment in the place of the old one. The world that reads it clears it.
+pub type RestartFlag = Arc<AtomicBool>;
 
 /// The state of a [`World`].
 #[derive(Serialize, Deserialize)]

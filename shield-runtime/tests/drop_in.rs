@@ -8,6 +8,7 @@ use shield_api::{AbortRule, Error, ErrorKind, Phase, ResetSignal, RuleVerdict, S
 use shield_runtime::{
     decision::{Cause, Decision},
     drop_in::{DropIn, DropInBuilder, Learning},
+    drop_in_files,
     experience::Experience,
     experiment::{DropInFile, Endings, OnResetFailure, OnResetSuccess, Override, Updates},
 };
@@ -178,11 +179,11 @@ fn the_file_of_another_shield_is_loaded_or_the_shield_goes_on_after_it() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("state");
     let agent = || Scripted::acting(|_, _| -1.0);
-    builder(agent()).build().unwrap().save(&file).unwrap();
+    drop_in_files::save(&mut builder(agent()).build().unwrap(), &file).unwrap();
     let load = |shield: DropInBuilder| {
         let mut drop_in = shield.build().unwrap();
         drop_in.hard_reset_done(&[0.0]).unwrap();
-        let loaded = drop_in.load(&file);
+        let loaded = drop_in_files::load(&mut drop_in, &file);
         assert!(drop_in.needs_hard_reset());
         loaded.map_err(|error| error.to_string())
     };

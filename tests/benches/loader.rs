@@ -9,6 +9,7 @@ use std::{fs, hint::black_box, time::Duration};
 use criterion::{Criterion, criterion_group, criterion_main};
 use shield_api::{
     AbortRule, ActMode, Checkpoint, Environment, Learner, Phase, Policy, Reason, Result, RuleContext, Setup,
+    metrics::Metrics,
 };
 use shield_runtime::plugin::{
     Registry, SearchPath, Selection, host,
@@ -84,7 +85,9 @@ fn calls(criterion: &mut Criterion) {
     });
     let mut line = registry.environment(&choice("fixture/line"), "", &world).expect("an environment");
     criterion.bench_function("environment.step with one metric, loaded", |bencher| {
-        bencher.iter(|| line.step(black_box(&[0.0]), black_box(&mut observation)).is_ok());
+        Metrics::default().collect(|| {
+            bencher.iter(|| line.step(black_box(&[0.0]), black_box(&mut observation)).is_ok());
+        });
     });
 }
 

@@ -3,14 +3,14 @@
 
 use std::{fs, process::Output, sync::atomic::AtomicBool};
 
-use shield_api::{Environment, Learner};
 use shield_runtime::{
     experiment::ExperimentFile,
-    film::{FilmSettings, Filmer, Picture},
+    film::{FilmSettings, Filmer},
     joint_loop::JointLoop,
     observer::Observer,
     plugin::{Registry, SearchPath},
     record::Counters,
+    report::Picture,
     run::{Prepared, prepare},
 };
 use shield_tests::{gridworld, plugins_folder, shield};

@@ -10,8 +10,8 @@ use std::{
     process::Command,
 };
 
-use shield_api::*;
-use shield_runtime::plugin::{Registry, Selection, drain_metrics, host};
+use shield_api::{metrics::Metrics, *};
+use shield_runtime::plugin::{Registry, Selection, host};
 use shield_tests::{run_files, shield, workspace};
 
 fn kept() -> PathBuf {
@@ -40,10 +40,13 @@ fn corridor_walks(library: &Path) {
     let mut observation = [f32::NAN; 6];
     corridor.reset(1, &mut observation).unwrap();
     assert_eq!(observation, cell(1));
-    let outcome = corridor.step(&[0.0], &mut observation).unwrap();
+    let metrics = Metrics::default();
+    let outcome = metrics.collect(|| corridor.step(&[0.0], &mut observation)).unwrap();
     let home = StepOutcome { reset_reward: 1.0, in_reset_set: true, ..StepOutcome::default() };
     assert_eq!((observation, outcome), (cell(0), home));
-    drain_metrics(&mut |name, mean| assert_eq!((name, mean), ("position", 0.0)));
+    let mut figures = Vec::new();
+    metrics.drain(&mut |name, mean| figures.push((name.to_owned(), mean)));
+    assert_eq!(figures, [("position".to_owned(), 0.0)]);
 
     assert_eq!(corridor.starts(), ["middle"]);
     corridor.reset_to("middle", 0, &mut observation).unwrap();

@@ -6,7 +6,7 @@ use std::{
 };
 
 use anyhow::Context;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use super::{
     experience_log::{ExperienceLog, Mark},
@@ -17,7 +17,6 @@ use crate::{
     experiment,
     loop_state::LoopState,
     observer::{Occasion, Snapshot},
-    run::RecorderState,
 };
 
 /// A plugin of a run.
@@ -38,24 +37,33 @@ pub struct Provenance {
     pub plugins: Vec<PluginVersion>,
 }
 
-/// A checkpoint.
+/// What a checkpoint carries for the recorder, which writes the other files of the run.
+pub trait RunFiles: Serialize + DeserializeOwned {
+    /// Whether the files reach as far as they did at the checkpoint.
+    ///
+    /// # Errors
+    /// A file is missing or too short.
+    fn check(&self, run: &Path) -> Result<()>;
+}
+
+/// A checkpoint, with the state `R` of its run's recorder.
 #[derive(Serialize, Deserialize)]
-pub struct Saved {
+pub struct Saved<R> {
     /// What the run was made of.
     pub provenance: Provenance,
     /// The loop and everyone in it.
     pub state: LoopState,
     /// Where the files of the run ended.
-    pub recorder: RecorderState,
+    pub recorder: R,
     /// Where the experience ended; `None` once the run is finished, since nobody learns any more.
     experience: Option<Mark>,
 }
 
 #[derive(Serialize)]
-struct ToSave<'a> {
+struct ToSave<'a, R> {
     provenance: &'a Provenance,
     state: &'a LoopState,
-    recorder: &'a RecorderState,
+    recorder: &'a R,
     experience: &'a Option<Mark>,
 }
 
@@ -109,19 +117,19 @@ impl CheckpointStore {
     ///
     /// # Errors
     /// Another process writes the run; a checkpoint belongs to another configuration or other plugins; a file cannot be cut back.
-    pub fn resume(
+    pub fn resume<R: RunFiles>(
         run: &Path,
         provenance: Provenance,
         experience: &mut Experience,
         warn: &mut dyn FnMut(String),
-    ) -> Result<Option<(Self, Saved)>> {
+    ) -> Result<Option<(Self, Saved<R>)>> {
         let folder = folder_of(run);
         if !folder.exists() {
             return Ok(None);
         }
         let lock = lock(&folder)?;
         for path in [latest(&folder), previous(&folder)] {
-            let usable = usable(&path, run, Some(&provenance)).and_then(|saved| {
+            let usable = usable::<R>(&path, run, Some(&provenance)).and_then(|saved| {
                 let mark = saved.experience.as_ref();
                 mark.map_or(Ok(()), |mark| ExperienceLog::read(&folder, mark, experience))?;
                 Ok(saved)
@@ -152,7 +160,7 @@ impl CheckpointStore {
     ///
     /// # Errors
     /// A file cannot be written. The checkpoints before are as they were.
-    pub fn write(&mut self, snapshot: &Snapshot<'_>, recorder: &RecorderState) -> Result<()> {
+    pub fn write<R: RunFiles>(&mut self, snapshot: &Snapshot<'_>, recorder: &R) -> Result<()> {
         let is_finished = snapshot.occasion == Occasion::Finished;
         let experience = if is_finished { None } else { Some(self.log.append(snapshot.experience)?) };
         let saved =
@@ -175,7 +183,7 @@ impl CheckpointStore {
 ///
 /// # Errors
 /// There is none; the message says why of the last one.
-pub fn last_checkpoint(run: &Path) -> anyhow::Result<Saved> {
+pub fn last_checkpoint<R: RunFiles>(run: &Path) -> anyhow::Result<Saved<R>> {
     let folder = folder_of(run);
     usable(&latest(&folder), run, None)
         .or_else(|error| usable(&previous(&folder), run, None).map_err(|_| error))
@@ -183,8 +191,8 @@ pub fn last_checkpoint(run: &Path) -> anyhow::Result<Saved> {
 }
 
 /// Reads a checkpoint and holds it against what the run is now.
-fn usable(path: &Path, run: &Path, provenance: Option<&Provenance>) -> Result<Saved> {
-    let saved: Saved = file::read(path)?;
+fn usable<R: RunFiles>(path: &Path, run: &Path, provenance: Option<&Provenance>) -> Result<Saved<R>> {
+    let saved: Saved<R> = file::read(path)?;
     if let Some(now) = provenance {
         if let Some(difference) = experiment::first_difference(&saved.provenance.config, &now.config) {
             return Err(CheckpointError::Config {

@@ -19,11 +19,12 @@ use shield_runtime::{
     cycle::CycleParts,
     environment_check::random_action,
     experiment::{Experiment, ExperimentFile, OnResetSuccess, Override, Variant},
-    film::{FilmSettings, Filmer, Picture},
+    film::{FilmSettings, Filmer},
     joint_loop::JointLoop,
     observer::{Fanout, Scene},
     plugin::Registry,
-    run::{Prepared, prepare},
+    report::Picture,
+    run::{Prepared, RecorderState, prepare},
     world::{Stepped, World},
 };
 
@@ -100,8 +101,8 @@ pub fn render(arguments: &RenderArguments, registry: &Registry) -> Result<(), Fa
         return Err(Failure::Input(format!("this variant has no {role} agent")));
     }
     if arguments.experiment.is_dir() {
-        let saved =
-            last_checkpoint(&arguments.experiment).map_err(|error| Failure::Input(format!("{error:#}")))?;
+        let saved = last_checkpoint::<RecorderState>(&arguments.experiment);
+        let saved = saved.map_err(|error| Failure::Input(format!("{error:#}")))?;
         let restored = prepared.participants.restore_agents(&saved.state);
         restored.map_err(|error| Failure::Input(error.to_string()))?;
     }

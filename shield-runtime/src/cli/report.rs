@@ -8,9 +8,8 @@ use clap::Args;
 use shield_api::Frame;
 use shield_runtime::{
     experiment::ExperimentFile,
-    film::Picture,
     plugin::Registry,
-    report::{FIGURE_NAMES, Figure, Places, Record, VariantRecord, figures, page, png, svg, titled},
+    report::{FIGURE_NAMES, Figure, Picture, Places, Record, VariantRecord, figures, page, png, svg, titled},
     run::{RunFolder, prepare, write_in_folder},
 };
 

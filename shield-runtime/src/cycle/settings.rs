@@ -1,6 +1,6 @@
 //! What the reset cycle does, and what it teaches.
 
-use crate::experiment::{BetweenAttempts, Endings, Mode, OnAbort, ResetTest, Updates};
+use crate::settings::{BetweenAttempts, Endings, Mode, OnAbort, ResetTest, Updates};
 
 /// Settings of a [`ResetCycle`](super::ResetCycle). The defaults are those of an experiment.
 #[derive(Debug, Clone)]

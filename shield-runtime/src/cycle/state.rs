@@ -7,7 +7,7 @@ use super::{CycleParts, ResetCycle};
 use crate::{
     agent::{Agent, AgentState, ForwardAgent},
     experience::AgentRole,
-    plugin::PluginState,
+    plugin_state::PluginState,
     record::{Counters, Tally},
     shield::Ladder,
 };

@@ -11,7 +11,7 @@ use crate::{
     agent::Agent,
     cycle::{CycleParts, CycleSettings, Memory, ResetCycle},
     experience::{AgentRole, Experience},
-    experiment::{Endings, ProjectionConfig, Updates},
+    settings::{Endings, ProjectionConfig, Updates},
     shield::{Ladder, LadderSettings, RuleTree, nearest_to_zero},
 };
 

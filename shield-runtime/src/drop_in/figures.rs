@@ -1,10 +1,25 @@
-//! What the learner reports, and the event file for TensorBoard.
+//! What the learner reports, and what each episode comes to.
 
-use std::{collections::BTreeMap, path::Path};
+use shield_api::{Phase, Result, metrics::Metrics};
 
-use shield_api::{Error, Phase, Result};
+use super::DropIn;
+use crate::record::Counters;
 
-use crate::{plugin, record::Counters, run::events::EventFile};
+/// Receives what each episode of a drop-in comes to.
+pub trait EpisodeLog: Send {
+    /// The named figures of an episode that is over after `step` environment steps.
+    ///
+    /// # Errors
+    /// They cannot be kept.
+    fn write(&mut self, step: u64, figures: &[(&str, f64)]) -> Result<()>;
+}
+
+impl DropIn {
+    /// Tells `log` from now on what each episode comes to.
+    pub fn log_episodes(&mut self, log: Box<dyn EpisodeLog>) {
+        self.figures.log = Some(log);
+    }
+}
 
 /// One figure of the learner: its sum and count in the present episode, and its mean in the last one that had any.
 #[derive(Debug)]
@@ -26,19 +41,13 @@ impl Figure {
 pub(super) struct Figures {
     figures: Vec<Figure>,
     reset_return: f64,
-    events: Option<EventFile>,
+    log: Option<Box<dyn EpisodeLog>>,
 }
 
 impl Figures {
-    /// Writes an event file into the folder `tensorboard` in `folder` from now on.
-    pub fn log_to(&mut self, folder: &Path) -> Result<()> {
-        self.events = Some(EventFile::open(folder, &BTreeMap::new()).map_err(failed)?);
-        Ok(())
-    }
-
-    /// Takes what plugins have reported on this thread.
-    pub fn take(&mut self) {
-        plugin::drain_metrics(&mut |name, mean| {
+    /// Takes what was reported since the last time.
+    pub fn take(&mut self, metrics: &Metrics) {
+        metrics.drain(&mut |name, mean| {
             let known = self.figures.iter().position(|figure| figure.name == name);
             let index = known.unwrap_or_else(|| {
                 self.figures.push(Figure { name: name.to_owned(), sum: 0.0, count: 0, last: f64::NAN });
@@ -58,7 +67,7 @@ impl Figures {
     /// Writes what the episode came to. `has_reset`: it was a reset episode, and succeeded or not.
     pub fn episode_is_over(&mut self, counters: &Counters, has_reset: Option<bool>) -> Result<()> {
         let reset_return = std::mem::take(&mut self.reset_return);
-        if let Some(events) = &mut self.events {
+        if let Some(log) = &mut self.log {
             let mut scalars = vec![
                 ("counts/early_aborts", counters.early_aborts as f64),
                 ("counts/hard_resets", counters.hard_resets as f64),
@@ -70,7 +79,7 @@ impl Figures {
             }
             let seen = self.figures.iter().filter(|figure| figure.count > 0);
             scalars.extend(seen.map(|figure| (figure.name.as_str(), figure.mean())));
-            events.scalars(counters.steps, &scalars).and_then(|()| events.flush()).map_err(failed)?;
+            log.write(counters.steps, &scalars)?;
         }
         for figure in &mut self.figures {
             figure.last = figure.mean();
@@ -82,8 +91,4 @@ impl Figures {
     pub fn each(&self, take: &mut impl FnMut(&str, f64)) {
         self.figures.iter().for_each(|figure| take(&figure.name, figure.mean()));
     }
-}
-
-fn failed(error: anyhow::Error) -> Error {
-    Error::failed(format!("{error:#}"))
 }

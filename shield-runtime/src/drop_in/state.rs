@@ -1,47 +1,37 @@
-//! Keeping what a drop-in has learned and counted, in a file.
+//! What a drop-in has learned and counted, to be kept.
 
-use std::{io, ops::Range, path::Path};
+use std::ops::Range;
 
 use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
 use serde_bytes::ByteBuf;
+use shield_api::Result;
 
 use super::DropIn;
 use crate::{
-    checkpoint::{
-        CheckpointError,
-        file::{read, write},
-    },
     agent::AgentState,
     cycle::{HardResetDue, LearnedState, Memory},
-    plugin::PluginState,
+    plugin_state::PluginState,
     record::Counters,
 };
 
-/// Tells the file from that of a run.
+/// Tells the state from that of a run.
 const KIND: &str = "shield drop-in 2";
 
-/// Why a state cannot be kept or used.
+/// Why a state cannot be used.
 #[derive(Debug, thiserror::Error)]
-pub enum StateError {
-    /// The file.
-    #[error(transparent)]
-    File(#[from] CheckpointError),
+pub enum RestoreError {
     /// It belongs to another kind of program, or to other spaces.
-    #[error("{path}: {what}")]
-    Foreign {
-        /// The file.
-        path: String,
-        /// In which way.
-        what: String,
-    },
-    /// A plugin cannot save or refuses its state.
+    #[error("{0}")]
+    Foreign(String),
+    /// A plugin refuses its state.
     #[error("{0}")]
     Plugin(shield_api::Error),
 }
 
+/// The reset agent, the rules, the reset task, the experience and the counts of a drop-in. Not where the environment stands.
 #[derive(Serialize, Deserialize)]
-struct DropInState {
+pub struct DropInState {
     kind: String,
     observation_len: usize,
     action_len: usize,
@@ -72,27 +62,50 @@ struct MemoryState {
 }
 
 impl DropIn {
-    /// Writes the reset agent, the rules, the reset task, the experience and the counts into a file, in one step.
+    /// What was learned and counted until now.
     ///
     /// # Errors
-    /// A plugin fails to save its state, or the file cannot be written.
-    pub fn save(&mut self, path: &Path) -> Result<(), StateError> {
-        let state = self.state().map_err(StateError::Plugin)?;
-        let path = absolute(path)?;
-        Ok(write(&path, None, &state)?)
+    /// A plugin fails to save its state.
+    pub fn state(&mut self) -> Result<DropInState> {
+        let task = self.task.as_ref().map(|task| PluginState::of(&**task)).transpose()?;
+        let (counters, reset_successes) = (*self.cycle.counters(), self.cycle.reset_successes());
+        let LearnedState { reset, rules, .. } = self.cycle.parts_mut().save()?;
+        let learned = self.cycle.parts().memory.as_ref().map(|Memory { experience, masks }| {
+            let mut rows = Vec::new();
+            experience.write_rows(experience.kept(), &mut rows);
+            MemoryState {
+                masks: masks.clone(),
+                row_bytes: experience.row_bytes(),
+                kept: experience.kept(),
+                rows: rows.into(),
+            }
+        });
+        Ok(DropInState {
+            kind: KIND.into(),
+            observation_len: self.observation.len(),
+            action_len: self.spaces().action_len(),
+            spaces: format!("{:?}", self.spaces()),
+            counters,
+            reset_successes,
+            shield: ShieldState {
+                agent: reset.expect("`new` refuses a cycle without a reset agent"),
+                rules,
+                steps: counters.steps,
+                exploration_replaced: counters.exploration_replaced,
+            },
+            task,
+            learned,
+        })
     }
 
-    /// Goes on from a file of a shield with the same spaces, reset agent, rules and reset task; the settings of the rules may differ. Where the
+    /// Goes on from the state of a shield with the same spaces, reset agent, rules and reset task; the settings of the rules may differ. Where the
     /// environment stands is not known: a hard reset is needed.
     ///
     /// # Errors
-    /// The file cannot be read or is damaged, belongs to another shield, or a plugin refuses its state; then a hard reset is needed too, and what was
-    /// learned may be half of each.
-    pub fn load(&mut self, path: &Path) -> Result<(), StateError> {
+    /// The state belongs to another shield, or a plugin refuses its own; then a hard reset is needed too, and what was learned may be half of each.
+    pub fn restore(&mut self, state: DropInState) -> Result<(), RestoreError> {
         self.require_hard_reset(HardResetDue::Lost);
-        let path = absolute(path)?;
-        let state: DropInState = read(&path)?;
-        let foreign = |what: String| StateError::Foreign { path: path.display().to_string(), what };
+        let foreign = RestoreError::Foreign;
         if state.kind != KIND {
             return Err(foreign("it is not the state of a drop-in shield".into()));
         }
@@ -125,43 +138,10 @@ impl DropIn {
                 return Err(foreign("its experience has another capacity or another ensemble".into()));
             }
         }
-        self.restore(state).map_err(StateError::Plugin)
+        self.take_over(state).map_err(RestoreError::Plugin)
     }
 
-    fn state(&mut self) -> shield_api::Result<DropInState> {
-        let task = self.task.as_ref().map(|task| PluginState::of(&**task)).transpose()?;
-        let counters = *self.cycle.counters();
-        let reset_successes = self.cycle.reset_successes();
-        let LearnedState { reset, rules, .. } = self.cycle.parts_mut().save()?;
-        let learned = self.cycle.parts().memory.as_ref().map(|Memory { experience, masks }| {
-            let mut rows = Vec::new();
-            experience.write_rows(experience.kept(), &mut rows);
-            MemoryState {
-                masks: masks.clone(),
-                row_bytes: experience.row_bytes(),
-                kept: experience.kept(),
-                rows: rows.into(),
-            }
-        });
-        Ok(DropInState {
-            kind: KIND.into(),
-            observation_len: self.observation.len(),
-            action_len: self.spaces().action_len(),
-            spaces: format!("{:?}", self.spaces()),
-            counters,
-            reset_successes,
-            shield: ShieldState {
-                agent: reset.expect("`new` refuses a cycle without a reset agent"),
-                rules,
-                steps: counters.steps,
-                exploration_replaced: counters.exploration_replaced,
-            },
-            task,
-            learned,
-        })
-    }
-
-    fn restore(&mut self, state: DropInState) -> shield_api::Result<()> {
+    fn take_over(&mut self, state: DropInState) -> Result<()> {
         let ShieldState { agent, rules, exploration_replaced, .. } = state.shield;
         let parts = self.cycle.parts_mut();
         parts.restore(&LearnedState { forward: None, reset: Some(agent), rules })?;
@@ -177,9 +157,4 @@ impl DropIn {
         self.cycle.restore_counts(counters, state.reset_successes);
         Ok(())
     }
-}
-
-/// The folder of a bare file name is the working folder.
-fn absolute(path: &Path) -> Result<std::path::PathBuf, CheckpointError> {
-    std::path::absolute(path).map_err(|error: io::Error| CheckpointError::io(path, error))
 }

@@ -12,16 +12,17 @@ use ron::value::RawValue;
 use serde::{Deserialize, Serialize};
 
 use crate::plugin::Kind;
+pub use crate::settings::{
+    BetweenAttempts, Endings, EvaluatedAgent, Mode, OnAbort, OnResetFailure, OnResetSuccess,
+    ProjectionConfig, QpConfig, RecordConfig, ResetTest, Updates,
+};
 
 pub use drop_in::{DropInConfig, SpaceConfig, SpacesConfig};
-pub use experience::{Endings, ExperienceConfig, OnResetFailure, OnResetSuccess, Updates};
-pub use output::{CheckpointConfig, EvaluatedAgent, EvaluationConfig, RecordConfig};
+pub use experience::ExperienceConfig;
+pub use output::{CheckpointConfig, EvaluationConfig};
 pub use plugin_choice::{Forward, OnWorkerFailure, PluginChoice, WorkerConfig};
 pub use rules::RuleConfig;
-pub use shield::{
-    BetweenAttempts, OnAbort, ProjectionConfig, QpConfig, ResetAttempts, ResetTest, ShieldConfig, Unlimited,
-    cycle_settings,
-};
+pub use shield::{ResetAttempts, ShieldConfig, Unlimited, cycle_settings};
 
 /// A whole experiment: one environment, two agents, a shield, several seeds and variants.
 #[derive(Debug, Clone, Deserialize, Serialize)]
@@ -118,23 +119,4 @@ fn one() -> f64 {
 
 fn one_thread() -> usize {
     1
-}
-
-/// Who acts, and when the world is reset.
-#[derive(Debug, Clone, PartialEq, Eq, Default, Deserialize, Serialize)]
-#[serde(deny_unknown_fields)]
-pub enum Mode {
-    /// The paper's method: both agents alternate, the shield decides, hard resets after failed attempts only.
-    #[default]
-    Shielded,
-    /// The usual way: a counted hard reset after every forward episode; no reset agent, no shield.
-    StatusQuo,
-    /// Forward episodes without any reset.
-    ForwardOnly,
-    /// Only the reset agent acts and learns; every episode begins with a counted hard reset (the paper's "insert-only").
-    ResetOnly {
-        /// The named start of each episode; the environment's usual start if `None`.
-        #[serde(default)]
-        start: Option<String>,
-    },
 }

@@ -10,8 +10,7 @@ use embedded_graphics::{
     text::{Baseline, Text},
 };
 
-use super::Picture;
-use crate::record::Counters;
+use crate::{record::Counters, report::Picture};
 
 const BACKGROUND: Rgb888 = Rgb888::new(24, 26, 30);
 const TEXT: Rgb888 = Rgb888::new(235, 235, 235);

@@ -3,7 +3,7 @@
 use crate::{
     cycle::{CycleParts, CycleSettings},
     evaluation::Evaluator,
-    experiment::RecordConfig,
+    settings::RecordConfig,
     world::World,
 };
 

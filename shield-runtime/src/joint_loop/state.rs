@@ -6,7 +6,6 @@ use crate::{
     evaluation::Evaluator,
     loop_state::{LoopRandomness, LoopState},
     observer::{Occasion, Snapshot},
-    plugin,
 };
 
 /// Where a loop begins.
@@ -44,7 +43,7 @@ impl JointLoop<'_> {
         if let (Some(evaluator), Some(state)) = (&mut self.evaluator, &state.evaluator) {
             evaluator.restore(state)?;
         }
-        plugin::restore_metrics(&state.metrics);
+        self.cycle.metrics().restore(&state.metrics);
         let LoopRandomness { resets, masks } = state.randomness.clone();
         self.resets = resets;
         if let Some(memory) = &mut self.cycle.parts_mut().memory {
@@ -94,7 +93,7 @@ impl JointLoop<'_> {
             world: self.world.save()?,
             learned,
             evaluator: self.evaluator.as_mut().map(Evaluator::save).transpose()?,
-            metrics: plugin::save_metrics(),
+            metrics: self.cycle.metrics().save(),
         };
         self.observer.on_checkpoint(&Snapshot { occasion, state: &state, experience })
     }

@@ -18,8 +18,7 @@ pub(super) use handle::{spaces, while_creating};
 
 pub use abort_rule::LoadedAbortRule;
 pub use environment::LoadedEnvironment;
-pub(crate) use host::{Metric, restore_metrics, save_metrics};
-pub use host::{clear_metrics, drain_metrics, host, host_without_metrics, in_metric_scope};
+pub use host::{host, host_without_metrics};
 pub use learner::LoadedLearner;
 pub use policy::LoadedPolicy;
 pub use reset_task::LoadedResetTask;

@@ -13,7 +13,7 @@ mod protocol;
 
 use std::time::Duration;
 
-pub use environment::{IsolatedEnvironment, RestartFlag};
+pub use environment::IsolatedEnvironment;
 pub use guest::serve;
 pub use policy::IsolatedPolicy;
 pub use program::VARIABLE as WORKER_VARIABLE;

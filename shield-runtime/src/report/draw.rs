@@ -13,8 +13,7 @@ use plotters::{
     style::{FontStyle, IntoFont, RGBColor, TextStyle, WHITE, register_font},
 };
 
-use super::figures::Figure;
-use crate::film::Picture;
+use super::{figures::Figure, picture::Picture};
 
 /// Size of a figure in points: two beside each other fill a page.
 const SIZE: [u32; 2] = [640, 400];

@@ -18,11 +18,11 @@ use crate::{
     joint_loop::{LoopSettings, Participants},
     plugin::{
         self, PluginError, Registry,
-        isolated::{Isolation, OnFailure, RestartFlag},
+        isolated::{Isolation, OnFailure},
     },
     shield::Ladder,
     workshop::{Stream, Workshop},
-    world::World,
+    world::{RestartFlag, World},
 };
 
 /// Instances of the environment that an evaluation has at most. A constant, so that results do not depend on the machine.

@@ -18,7 +18,7 @@ use crate::{
     joint_loop::JointLoop,
     loop_state::LoopState,
     observer::{Fanout, Observer},
-    plugin::{PluginError, Registry, clear_metrics},
+    plugin::{PluginError, Registry},
 };
 
 /// Which run, with everything that it is made of.
@@ -204,8 +204,6 @@ impl Launch {
     pub fn run(self, progress: impl Observer, stop: &AtomicBool) -> Result<Summary> {
         let Self { prepared, recorder, state, folder, name, .. } = self;
         let budget = prepared.settings.steps;
-        // A run that came before on this thread leaves nothing to this one.
-        clear_metrics();
         let mut observer = Fanout(recorder, progress);
         let mut joint = JointLoop::new(
             prepared.settings,
@@ -247,7 +245,7 @@ pub struct Restored {
 /// The folder is not that of a run, has no usable checkpoint, or a plugin cannot be loaded or refuses its state.
 pub fn restore(registry: &Registry, folder: &RunFolder, overrides: &[Override]) -> Result<Restored> {
     let (identity, variant) = of_folder(folder, overrides)?;
-    let saved = last_checkpoint(folder.path())?;
+    let saved = last_checkpoint::<RecorderState>(folder.path())?;
     let mut prepared = prepare(registry, &variant, identity.seed)?;
     prepared.participants.restore_agents(&saved.state)?;
     Ok(Restored { identity, variant, prepared, state: saved.state })

@@ -19,7 +19,7 @@ use super::{
     tables::{EvaluationRow, InterventionRow, LearningRow, MetricsRow, Table, TimingRow},
 };
 use crate::{
-    checkpoint::{CheckpointError, CheckpointStore},
+    checkpoint::{CheckpointError, CheckpointStore, RunFiles},
     decision::ProjectionKind,
     experience::AgentRole,
     observer::{Observer, Occasion, Scene, Snapshot},
@@ -44,9 +44,8 @@ pub struct RecorderState {
     seconds: f64,
 }
 
-impl RecorderState {
-    /// Whether the files reach as far as they did.
-    pub(crate) fn check(&self, run: &Path) -> Result<(), CheckpointError> {
+impl RunFiles for RecorderState {
+    fn check(&self, run: &Path) -> Result<(), CheckpointError> {
         for (name, length) in &self.lengths {
             let path = run.join(name);
             let found = path.metadata().map_err(|error| CheckpointError::Io { path: path.clone(), error })?;

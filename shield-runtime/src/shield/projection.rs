@@ -10,7 +10,7 @@ use super::{
 };
 use crate::{
     decision::{Cause, Projection, ProjectionKind},
-    experiment::ProjectionConfig,
+    settings::ProjectionConfig,
 };
 
 /// Finds another action.

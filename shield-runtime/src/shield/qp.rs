@@ -13,7 +13,7 @@ use super::{
 };
 use crate::{
     decision::{Cause, Projection, ProjectionKind},
-    experiment::QpConfig,
+    settings::QpConfig,
 };
 
 /// Sequential linearisation: the nearest action that keeps the rules' rows, judged by its true values, and again from there. Of rules under

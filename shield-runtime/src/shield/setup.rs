@@ -12,7 +12,7 @@ use super::{
     rules::RuleTree,
     solver::Solver,
 };
-use crate::experiment::ProjectionConfig;
+use crate::settings::ProjectionConfig;
 
 impl Ladder {
     /// A ladder over `rules`, for a reset agent like `reset_agent`: without projection, without deadline.

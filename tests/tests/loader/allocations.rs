@@ -1,8 +1,8 @@
 //! On success the wrappers allocate nothing. Only the host's side is counted: a library has its own allocator.
 
 use allocation_counter::measure;
-use shield_api::*;
-use shield_runtime::plugin::{Registry, Selection, drain_metrics, host};
+use shield_api::{metrics::Metrics, *};
+use shield_runtime::plugin::{Registry, Selection, host};
 
 use crate::fixtures::{fixture, setup};
 
@@ -22,8 +22,11 @@ fn calls_allocate_nothing_after_the_first() {
     let mut line = registry.environment(&choice("fixture/line"), "", &world).unwrap();
     check_none("reset", || line.reset(0, &mut observation).unwrap());
     check_none("reset_to", || line.reset_to("left", 0, &mut observation).unwrap());
-    check_none("step", || assert!(line.step(&action, &mut observation).is_ok()));
-    check_none("drain_metrics", || drain_metrics(&mut |_, _| {}));
+    let metrics = Metrics::default();
+    check_none("a step whose figures are collected", || {
+        assert!(metrics.collect(|| line.step(&action, &mut observation)).is_ok());
+    });
+    check_none("drain", || metrics.drain(&mut |_, _| {}));
 
     let mut agent = registry.learner(&choice("fixture/agent"), "", &setup()).unwrap();
     check_none("act", || agent.act(&observation, ActMode::Explore, &mut action).unwrap());

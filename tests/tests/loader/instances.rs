@@ -3,10 +3,8 @@
 use std::{path::Path, sync::Mutex};
 
 use log::{Log, Metadata, Record};
-use shield_api::*;
-use shield_runtime::plugin::{
-    Kind, LoadedEnvironment, PluginError, Registry, SearchPath, Selection, drain_metrics, host,
-};
+use shield_api::{metrics::Metrics, *};
+use shield_runtime::plugin::{Kind, LoadedEnvironment, PluginError, Registry, SearchPath, Selection, host};
 
 use crate::fixtures::{fixture, optimised_fixture, setup};
 
@@ -250,11 +248,12 @@ fn log_lines_and_figures_of_a_plugin_reach_the_host() {
     let mut line = line("").unwrap();
     line.reset(1, &mut [0.0; 2]).unwrap();
     assert!(LINES.0.lock().unwrap().contains(&"INFO plugin: the line begins anew".to_string()));
+    let metrics = Metrics::default();
     for _ in 0..2 {
-        line.step(&[1.0], &mut [0.0; 2]).unwrap();
+        metrics.collect(|| line.step(&[1.0], &mut [0.0; 2])).unwrap();
     }
     let mut figures = Vec::new();
-    drain_metrics(&mut |name, mean| figures.push((name.to_string(), mean)));
+    metrics.drain(&mut |name, mean| figures.push((name.to_string(), mean)));
     assert_eq!(figures, [("position".to_string(), 2.5)]);
 }
 

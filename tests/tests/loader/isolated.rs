@@ -2,9 +2,9 @@
 
 use std::time::Duration;
 
-use shield_api::*;
+use shield_api::{metrics::Metrics, *};
 use shield_runtime::plugin::{
-    PluginError, Registry, Selection, clear_metrics, drain_metrics, host,
+    PluginError, Registry, Selection, host,
     isolated::{IsolatedEnvironment, IsolatedPolicy, Isolation, OnFailure},
 };
 
@@ -136,13 +136,13 @@ fn a_policy_that_was_lost_is_not_asked_again() {
 
 #[test]
 fn the_figures_of_an_isolated_plugin_are_lost() {
-    clear_metrics();
     let mut actor = actor("", ISOLATION);
+    let metrics = Metrics::default();
     for _ in 0..3 {
-        actor.act(&[0.0; 2], &mut [0.0]).unwrap();
+        metrics.collect(|| actor.act(&[0.0; 2], &mut [0.0])).unwrap();
     }
     let mut found = Vec::new();
-    drain_metrics(&mut |name, mean| found.push((name.to_string(), mean)));
+    metrics.drain(&mut |name, mean| found.push((name.to_string(), mean)));
     assert_eq!(found, [("calls".to_string(), 2.0)]);
 }
 

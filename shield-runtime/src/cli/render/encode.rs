@@ -10,7 +10,7 @@ use std::{
 
 use anyhow::{Context, Result, ensure};
 use color_quant::NeuQuant;
-use shield_runtime::film::{Picture, overlay_colours};
+use shield_runtime::{film::overlay_colours, report::Picture};
 
 use super::partial;
 

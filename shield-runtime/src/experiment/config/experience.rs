@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::{Endings, OnResetFailure, OnResetSuccess, Updates};
+
 /// The experience and what is learned from it.
 #[derive(Debug, Clone, Deserialize, Serialize)]
 #[serde(default, deny_unknown_fields)]
@@ -44,52 +46,4 @@ impl ExperienceConfig {
     pub fn endings(&self) -> Endings {
         Endings { on_success: self.on_reset_success, on_failure: self.on_reset_failure }
     }
-}
-
-/// How reset episodes end for the reset agent's values.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct Endings {
-    /// In the reset set.
-    pub on_success: OnResetSuccess,
-    /// At the end of a failed reset episode.
-    pub on_failure: OnResetFailure,
-}
-
-impl Endings {
-    /// Whether the value of the state after a step counts for the reset agent. `has_failed`: it was the last step of a failed reset episode.
-    pub fn reset_continues(self, in_reset_set: bool, terminated: bool, has_failed: bool) -> bool {
-        let is_done = in_reset_set && self.on_success == OnResetSuccess::Terminal;
-        let is_lost = has_failed && self.on_failure == OnResetFailure::Zero;
-        !terminated && !is_done && !is_lost
-    }
-}
-
-/// Who learns after a step.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
-pub enum Updates {
-    /// The agent in charge (Algorithm 1).
-    #[default]
-    Active,
-    /// Both agents, from the shared experience.
-    Both,
-}
-
-/// What the reset set means for the reset agent's values.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
-pub enum OnResetSuccess {
-    /// The task ends there: with a reset reward of 1 in the reset set and 0 elsewhere, the value is the probability to get there.
-    Terminal,
-    /// It goes on: values lie in [0, 1/(1 − γ)), as the paper's robots have it.
-    #[default]
-    Bootstrap,
-}
-
-/// What the last step of a failed reset episode means for the reset agent's values.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
-pub enum OnResetFailure {
-    /// The value beyond it is 0, so that irreversible states do not live on their own estimate.
-    Zero,
-    /// A time-out like any other.
-    #[default]
-    Bootstrap,
 }

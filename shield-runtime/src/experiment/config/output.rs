@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::one;
+use super::{EvaluatedAgent, one};
 
 /// When the state of a run is kept. At Ctrl-C and at its end it always is.
 #[derive(Debug, Clone, PartialEq, Eq, Deserialize, Serialize)]
@@ -15,34 +15,6 @@ pub struct CheckpointConfig {
 impl Default for CheckpointConfig {
     fn default() -> Self {
         Self { every: 10_000 }
-    }
-}
-
-/// What is kept of the shield's decisions, to explain and replay them.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct RecordConfig {
-    /// The decisions of every n-th step are recorded, and every rejection; 0: none at all.
-    pub decisions: u64,
-    /// With the forward decision of every n-th step, the environment's state; 0: never.
-    pub states_every: u64,
-}
-
-impl RecordConfig {
-    /// Whether the decision at `step` is recorded.
-    pub fn takes(&self, step: u64, is_rejection: bool) -> bool {
-        self.decisions > 0 && (is_rejection || step.is_multiple_of(self.decisions) || self.takes_state(step))
-    }
-
-    /// Whether the state at `step` is.
-    pub fn takes_state(&self, step: u64) -> bool {
-        self.states_every > 0 && step.is_multiple_of(self.states_every)
-    }
-}
-
-impl Default for RecordConfig {
-    fn default() -> Self {
-        Self { decisions: 1, states_every: 0 }
     }
 }
 
@@ -71,14 +43,4 @@ pub struct EvaluationConfig {
 
 fn ten() -> u32 {
     10
-}
-
-/// Who is evaluated.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
-pub enum EvaluatedAgent {
-    /// The forward agent or policy.
-    #[default]
-    Forward,
-    /// The reset agent; returns are reset rewards, and success is reaching the reset set.
-    Reset,
 }

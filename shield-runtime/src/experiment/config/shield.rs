@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::{ExperienceConfig, RuleConfig};
+use super::{BetweenAttempts, ExperienceConfig, OnAbort, ProjectionConfig, ResetTest, RuleConfig};
 use crate::cycle::CycleSettings;
 
 /// The shield, and what follows its decisions.
@@ -69,60 +69,6 @@ pub fn cycle_settings(shield: &ShieldConfig, experience: &ExperienceConfig) -> C
     }
 }
 
-/// What the forward agent learns from an abort.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Deserialize, Serialize)]
-pub enum OnAbort {
-    /// Nothing, as in the paper: the rejected action was never executed, and the step before it bootstraps.
-    #[default]
-    Nothing,
-    /// The rejected action ends its task: a transition from which nothing more is to be had.
-    Truncate,
-    /// The same, and its reward is −x.
-    Penalise(f32),
-}
-
-impl OnAbort {
-    /// The reward of a rejected action, which is the last of its episode; `None` if it is not learned from.
-    pub fn reward(self) -> Option<f32> {
-        match self {
-            Self::Nothing => None,
-            Self::Truncate => Some(0.0),
-            Self::Penalise(penalty) => Some(-penalty),
-        }
-    }
-}
-
-/// What is tried with an action that a rule rejects, before it is aborted.
-#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
-pub enum ProjectionConfig {
-    /// The nearest action that keeps the rules' linear rows, by a quadratic program.
-    Qp(QpConfig),
-    /// The reset agent's greedy action, for one step.
-    Replace,
-    /// Of discrete actions, the allowed one of the highest forward value.
-    Best,
-}
-
-/// How the nearest allowed action is looked for.
-#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
-#[serde(default, deny_unknown_fields)]
-pub struct QpConfig {
-    /// By how much each row `A a ≤ b` is tightened, in the unit of its rule: for values, reset value above the threshold.
-    pub margin: f32,
-    /// How often the rules may be linearised in one decision.
-    pub max_iterations: u32,
-    /// How far each dimension may move from the proposed action, as a share of half its range. `None`: as far as the space goes.
-    pub trust_region: Option<f32>,
-    /// What moving each dimension costs: distance² = Σ weight · movement². `None`: 1 each.
-    pub weights: Option<Vec<f32>>,
-}
-
-impl Default for QpConfig {
-    fn default() -> Self {
-        Self { margin: 0.0, max_iterations: 3, trust_region: None, weights: None }
-    }
-}
-
 /// N, the number of failed reset episodes in a row after which a hard reset follows.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
 #[serde(untagged, expecting = "expected a number of attempts or `Unlimited`")]
@@ -148,34 +94,4 @@ impl ResetAttempts {
 pub enum Unlimited {
     /// No limit.
     Unlimited,
-}
-
-/// When a reset episode has succeeded.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
-pub enum ResetTest {
-    /// Some state that it visited is in the reset set (§4.2).
-    #[default]
-    AnyVisited,
-    /// Its final state is in the reset set (Algorithm 1).
-    FinalState,
-}
-
-impl ResetTest {
-    /// Of an episode that has visited the reset set or not, and is there now or not.
-    pub fn is_passed(self, has_visited: bool, is_there: bool) -> bool {
-        match self {
-            Self::AnyVisited => has_visited,
-            Self::FinalState => is_there,
-        }
-    }
-}
-
-/// What lies between two attempts to reset.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
-pub enum BetweenAttempts {
-    /// A forward episode (Algorithm 1).
-    #[default]
-    Forward,
-    /// Nothing: the reset agent tries again at once.
-    Reset,
 }

@@ -21,9 +21,6 @@ use super::{
 };
 use crate::plugin::PluginError;
 
-/// Set when a new process has taken the place of one that was lost. Whoever reads it clears it.
-pub type RestartFlag = Arc<AtomicBool>;
-
 /// An environment behind shared memory.
 #[derive(Debug)]
 pub struct IsolatedEnvironment {
@@ -32,7 +29,7 @@ pub struct IsolatedEnvironment {
     spec: EnvironmentSpec,
     starts: Vec<String>,
     reset_kinds: Vec<ResetKind>,
-    was_restarted: RestartFlag,
+    was_restarted: Arc<AtomicBool>,
 }
 
 impl IsolatedEnvironment {
@@ -59,8 +56,8 @@ impl IsolatedEnvironment {
     }
 
     /// Set by a failed [`step`](Environment::step) where a new process has taken the place of the lost one: the world is gone, and
-    /// a hard reset gives another.
-    pub fn was_restarted(&self) -> RestartFlag {
+    /// a hard reset gives another. The reader clears it.
+    pub fn was_restarted(&self) -> Arc<AtomicBool> {
         self.was_restarted.clone()
     }
 

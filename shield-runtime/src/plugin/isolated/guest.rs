@@ -4,11 +4,12 @@ use anyhow::Context;
 use shield_api::{
     Checkpoint, Environment, Error, Policy, ResetKind, Result, Setup, Spaces,
     abi::{StepView, status},
+    metrics::Metrics,
 };
 use shield_worker::{Client, Memory};
 
 use super::protocol::{self, Created, Creation, IsolatedKind, Operation};
-use crate::plugin::{LoadedEnvironment, LoadedPolicy, PluginError, drain_metrics, host, library::Library};
+use crate::plugin::{LoadedEnvironment, LoadedPolicy, PluginError, host, library::Library};
 
 /// Serves the host that started this process, until it has gone.
 ///
@@ -18,12 +19,12 @@ pub fn serve() -> anyhow::Result<()> {
     let mut client = Client::from_environment()
         .context("`shield worker` is what isolated plugins run in; it is not meant to be called by hand")?;
     let mut guest = Guest::default();
-    let mut metrics = String::new();
+    let (metrics, mut lines) = (Metrics::default(), String::new());
     while client.wait()? {
-        guest.answer(client.memory());
-        metrics.clear();
-        drain_metrics(&mut |name, mean| metrics += &format!("{name}={mean}\n"));
-        protocol::write_metrics(client.memory(), &metrics);
+        metrics.collect(|| guest.answer(client.memory()));
+        lines.clear();
+        metrics.drain(&mut |name, mean| lines += &format!("{name}={mean}\n"));
+        protocol::write_metrics(client.memory(), &lines);
         client.answer()?;
     }
     Ok(())

@@ -2,14 +2,14 @@
 
 use std::{process::Command, time::Duration};
 
-use shield_api::{Error, ErrorKind, Result, Setup, abi::status};
+use shield_api::{Error, ErrorKind, Result, Setup, abi::status, metrics};
 use shield_worker::{Memory, Options, Waiting, Worker, WorkerError};
 
 use super::{
     Isolation, MOST_FAILURES, OnFailure, program,
     protocol::{self, Creation, IsolatedKind, Operation},
 };
-use crate::plugin::{PluginError, ffi::while_creating, host};
+use crate::plugin::{PluginError, ffi::while_creating};
 
 /// One instance in a process of its own.
 #[derive(Debug)]
@@ -164,11 +164,11 @@ fn spawn() -> Result<Worker, String> {
     Worker::start(command, options).map_err(|error| error.to_string())
 }
 
-/// Hands the figures that the plugin reported in its process on to this one's.
+/// Reports the figures that the plugin reported in its process.
 fn report(lines: &str) {
     for (name, value) in lines.lines().filter_map(|line| line.rsplit_once('=')) {
         if let Ok(value) = value.parse() {
-            host().metric(name, value);
+            metrics::report(name, value);
         }
     }
 }

@@ -1,68 +1,27 @@
 //! From a configuration to a shield that can decide.
 
-use std::path::Path;
+use shield_api::Spaces;
 
-use shield_api::{Result, Space, Spaces};
-
-use super::DropIn;
+use super::{Stream, Workshop};
 use crate::{
     agent::Agent,
     cycle::{CycleParts, CycleSettings, Memory, ResetCycle},
+    drop_in::DropIn,
     experience::{AgentRole, Experience},
-    experiment::{DropInFile, InputError, Override, cycle_settings},
+    experiment::{DropInFile, InputError, SpacesConfig, cycle_settings},
     plugin::Registry,
-    workshop::{Stream, Workshop},
 };
 
-/// The configurations that are used where none is given.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Defaults {
-    /// For a box of actions.
-    Box,
-    /// For a choice of actions.
-    Discrete,
-}
-
-impl Defaults {
-    /// Those that fit an action space.
-    pub fn of(action: &Space) -> Self {
-        match action {
-            Space::Box { .. } => Self::Box,
-            Space::Discrete { .. } => Self::Discrete,
-        }
-    }
-
-    /// As RON.
-    pub fn text(self) -> &'static str {
-        match self {
-            Self::Box => include_str!("box.ron"),
-            Self::Discrete => include_str!("discrete.ron"),
-        }
-    }
-
-    /// With overrides.
-    ///
-    /// # Errors
-    /// An override does not fit.
-    pub fn file(self, sets: &[Override]) -> std::result::Result<DropInFile, InputError> {
-        DropInFile::from_text("the usual configuration", self.text(), sets)
-    }
-}
-
-impl DropIn {
-    /// Loads and configures everything that `file` names, for an environment with these spaces; without any, for those in the file.
+impl DropInFile {
+    /// Loads and configures everything that the file names, for an environment with these spaces; without any, for those in the file.
     ///
     /// # Errors
     /// A plugin is missing or broken, refuses its configuration, or does not fit the others; there are no spaces, or two different ones.
-    pub fn open(
-        registry: &Registry,
-        file: &DropInFile,
-        spaces: Option<Spaces>,
-    ) -> std::result::Result<Self, InputError> {
-        let DropInFile { config, source } = file;
+    pub fn open(&self, registry: &Registry, spaces: Option<Spaces>) -> Result<DropIn, InputError> {
+        let Self { config, source } = self;
         let (pins, threads, seed) = (&config.pins, config.threads, config.seed);
         let workshop = Workshop { registry, source, pins, threads, seed };
-        let spaces = spaces_of(file, spaces)?;
+        let spaces = spaces_of(self, spaces)?;
         let task = match &config.reset_task {
             None => None,
             Some(choice) => Some(workshop.reset_task(choice, &workshop.setup(Stream::ResetTask, &spaces))?),
@@ -91,21 +50,13 @@ impl DropIn {
             ..cycle_settings(&config.shield, learned)
         };
         let lengths = [spaces.observation_len(), spaces.action_len()];
-        Self::new(ResetCycle::new(settings, parts, lengths), task)
+        DropIn::new(ResetCycle::new(settings, parts, lengths), task)
             .map_err(|error| workshop.refused("shield", &error))
-    }
-
-    /// Writes an event file for TensorBoard, `tensorboard/…` in `folder`, with what each episode comes to.
-    ///
-    /// # Errors
-    /// It cannot be written.
-    pub fn log_to(&mut self, folder: &Path) -> Result<()> {
-        self.figures.log_to(folder)
     }
 }
 
-fn spaces_of(file: &DropInFile, given: Option<Spaces>) -> std::result::Result<Spaces, InputError> {
-    let written = file.config.spaces.clone().map(crate::experiment::SpacesConfig::into_spaces);
+fn spaces_of(file: &DropInFile, given: Option<Spaces>) -> Result<Spaces, InputError> {
+    let written = file.config.spaces.clone().map(SpacesConfig::into_spaces);
     let error = |message: &str| file.source.error_at("spaces", None, message);
     match (given, written) {
         (Some(given), Some(written)) if given != written => {
