@@ -1,30 +1,22 @@
-//! The host of the shield: loads plugins, decides, runs the joint loop of both agents, keeps their experience and writes results.
+//! The host of the shield: a façade over its crates, so that a program depends on one.
+//!
+//! | crate | what it is | feature |
+//! |---|---|---|
+//! | `shield-core` | ladder, rules, projection, reset cycle, experience, agents, [`drop_in`], [`shielded`] | |
+//! | `shield-host` | [`plugin`]s: registry, trust, calls, isolation | |
+//! | `shield-config` | [`experiment`]s and drop-ins in RON | |
+//! | `shield-lab` | runs: the joint loop, evaluation, folders, checkpoints | `lab` |
+//! | `shield-report` | records, figures, pages, films | `report` |
+//! | `shield-check` | checks and benchmarks for authors of plugins | `check` |
 
-pub mod agent;
-mod allocations_ffi;
-pub mod batch;
-pub mod checkpoint;
-pub mod cycle;
-pub mod decision;
-pub mod drop_in;
-pub mod drop_in_files;
-pub mod environment_check;
-pub mod evaluation;
-pub mod experience;
-pub mod experiment;
-pub mod film;
-pub mod joint_loop;
-pub mod loop_state;
-pub mod observer;
-pub mod plugin;
-pub mod plugin_bench;
-pub mod plugin_check;
-pub mod plugin_state;
-pub mod record;
-pub mod report;
-pub mod run;
-pub mod settings;
-pub mod shield;
-pub mod shielded;
-mod workshop;
-pub mod world;
+#[cfg(feature = "check")]
+pub use shield_check::{environment_check, plugin_bench, plugin_check};
+pub use shield_config::{drop_in_files, experiment};
+pub use shield_core::{
+    agent, cycle, decision, drop_in, experience, plugin_state, record, settings, shield, shielded, world,
+};
+pub use shield_host::plugin;
+#[cfg(feature = "lab")]
+pub use shield_lab::{batch, checkpoint, evaluation, joint_loop, loop_state, observer, run};
+#[cfg(feature = "report")]
+pub use shield_report::{film, report};

@@ -106,7 +106,9 @@ fn a_drop_in_lets_no_unapproved_action_through() {
     let counters = *shield.counters();
     assert_eq!(counters.steps, made);
     assert!(checked > 100_000, "only {checked} allowed actions were checked");
-    assert!(counters.failed_closed > 10_000 && counters.hard_resets > 1_000 && counters.reset_episodes > 10_000);
+    assert!(
+        counters.failed_closed > 10_000 && counters.hard_resets > 1_000 && counters.reset_episodes > 10_000
+    );
 }
 
 #[test]

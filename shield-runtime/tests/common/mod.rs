@@ -226,11 +226,7 @@ impl Observer for Notebook {
         Ok(())
     }
 
-    fn on_intervention(
-        &mut self,
-        intervention: &Intervention<'_>,
-        _: &mut Stage<'_>,
-    ) -> anyhow::Result<()> {
+    fn on_intervention(&mut self, intervention: &Intervention<'_>, _: &mut Stage<'_>) -> anyhow::Result<()> {
         self.interventions.push((
             intervention.step,
             intervention.proposed[0],

@@ -1,0 +1,175 @@
+//! `shield eval`: what the agents of a run, as its last checkpoint has them, reach in fresh episodes.
+
+use std::path::{Path, PathBuf};
+
+use clap::{Args, ValueEnum};
+use comfy_table::{CellAlignment, Table, presets::UTF8_FULL_CONDENSED};
+use serde::Serialize;
+use shield_config::experiment::Override;
+use shield_core::agent::Agent;
+use shield_host::plugin::Registry;
+use shield_lab::run::{Restored, RunFolder, restore};
+
+use super::Failure;
+
+/// Arguments of `shield eval`.
+#[derive(Args)]
+pub struct EvalArguments {
+    /// Folders of runs, or of everything that an experiment wrote. They are only read.
+    #[arg(required = true)]
+    folders: Vec<PathBuf>,
+    /// Episodes of each run.
+    #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..))]
+    episodes: u32,
+    /// Lets the shield stand between the agent and the world: a rejected action gives way to the reset agent's.
+    #[arg(long)]
+    shielded: bool,
+    /// Whose episodes they are. The reset agent's return is its own reward, its success the reset set.
+    #[arg(long, value_enum, default_value_t = Who::Forward)]
+    agent: Who,
+    /// The named start of each episode, instead of the usual one.
+    #[arg(long)]
+    start: Option<String>,
+    /// Prints JSON, an object per run, instead of the table.
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum Who {
+    Forward,
+    Reset,
+}
+
+/// What one run reached.
+#[derive(Serialize)]
+struct Evaluated {
+    run: String,
+    variant: String,
+    seed: u64,
+    /// Training steps of the agents.
+    step: u64,
+    episodes: u32,
+    mean_return: f64,
+    success_rate: f64,
+    irreversible_entries: u64,
+    /// Steps of all episodes together.
+    steps: u64,
+}
+
+/// Evaluates every run that can be, and prints what came out.
+pub fn run(arguments: &EvalArguments, registry: &Registry) -> Result<(), Failure> {
+    let settings = settings(arguments)?;
+    let mut folders = Vec::new();
+    for root in &arguments.folders {
+        folders.extend(runs_in(root)?);
+    }
+    let (mut evaluated, mut left_out) = (Vec::new(), Vec::new());
+    for folder in &folders {
+        match restore(registry, folder, std::slice::from_ref(&settings)) {
+            Ok(restored) => evaluated.push(evaluate(restored, folder, arguments.episodes)?),
+            Err(error) => left_out.push(format!("{}: {error:#}", folder.path().display())),
+        }
+    }
+    if evaluated.is_empty() {
+        return Err(Failure::Input(format!("no run can be evaluated so:\n  {}", left_out.join("\n  "))));
+    }
+    for reason in left_out {
+        eprintln!("warning: left out: {reason}");
+    }
+    if arguments.json {
+        let text = serde_json::to_string_pretty(&evaluated);
+        println!("{}", text.map_err(|error| Failure::Run(error.to_string()))?);
+    } else {
+        println!("{}", table(&evaluated));
+    }
+    Ok(())
+}
+
+/// The runs in a folder; at least one.
+pub fn runs_in(root: &Path) -> Result<Vec<RunFolder>, Failure> {
+    let folders = RunFolder::find(root).map_err(|error| Failure::Input(format!("{error:#}")))?;
+    if folders.is_empty() {
+        return Err(Failure::Input(format!(
+            "{} has no run in it; a run is a folder with a config.ron, as `shield run` writes it",
+            root.display()
+        )));
+    }
+    Ok(folders)
+}
+
+/// The run that a folder is.
+pub fn one_run(path: &Path) -> Result<RunFolder, Failure> {
+    if path.join("config.ron").is_file() {
+        return Ok(RunFolder::at(path));
+    }
+    let inside = RunFolder::find(path).ok().and_then(|found| found.into_iter().next());
+    let example = inside.map_or("runs/mine/default/seed-0".into(), |run| run.path().display().to_string());
+    let path = path.display();
+    Err(Failure::Input(format!("{path} is not the folder of a run; give one, such as {example}")))
+}
+
+/// The evaluation of the experiment gives way to that of the arguments.
+fn settings(arguments: &EvalArguments) -> Result<Override, Failure> {
+    let EvalArguments { episodes, shielded, agent, start, .. } = arguments;
+    let start = start.as_ref().map_or("None".to_owned(), |start| format!("Some({start:?})"));
+    let value = format!(
+        "Some((every: 1, episodes: {episodes}, agent: {agent:?}, start: {start}, shielded: {shielded}))"
+    );
+    Ok(Override::new("evaluation", &value, "the arguments of `shield eval`")?)
+}
+
+fn evaluate(restored: Restored, folder: &RunFolder, episodes: u32) -> Result<Evaluated, Failure> {
+    let Restored { identity, prepared, state, .. } = restored;
+    let mut participants = prepared.participants;
+    let (Some(evaluator), forward) = (&mut participants.evaluator, participants.agents.forward.as_mut())
+    else {
+        return Err(Failure::Run("the experiment has no evaluation".into()));
+    };
+    let reset = participants.agents.reset.as_mut().map(Agent::learner);
+    let record = evaluator
+        .run(state.counters().steps, forward, reset)
+        .map_err(|error| Failure::Run(format!("{}: {error}", folder.path().display())))?;
+    Ok(Evaluated {
+        run: folder.path().display().to_string(),
+        variant: identity.variant,
+        seed: identity.seed,
+        step: record.step,
+        episodes,
+        mean_return: record.mean_return,
+        success_rate: record.success_rate,
+        irreversible_entries: record.irreversible_entries,
+        steps: record.steps,
+    })
+}
+
+fn table(evaluated: &[Evaluated]) -> String {
+    let mut table = Table::new();
+    table.load_preset(UTF8_FULL_CONDENSED);
+    table.set_header([
+        "variant",
+        "seed",
+        "trained\nsteps",
+        "episodes",
+        "mean\nreturn",
+        "success,\n%",
+        "irreversible\nentries",
+        "mean\nlength",
+    ]);
+    for row in evaluated {
+        table.add_row([
+            row.variant.clone(),
+            row.seed.to_string(),
+            row.step.to_string(),
+            row.episodes.to_string(),
+            format!("{:.2}", row.mean_return),
+            format!("{:.0}", row.success_rate * 100.0),
+            row.irreversible_entries.to_string(),
+            format!("{:.0}", row.steps as f64 / f64::from(row.episodes)),
+        ]);
+    }
+    for column in table.column_iter_mut().skip(1) {
+        column.set_cell_alignment(CellAlignment::Right);
+    }
+    table.to_string()
+}

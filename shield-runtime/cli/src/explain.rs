@@ -1,0 +1,177 @@
+//! `shield explain`: why an action was rejected.
+
+use std::{collections::BTreeMap, path::PathBuf};
+
+use anyhow::{Context, Result};
+use clap::Args;
+use serde::Deserialize;
+use shield_lab::run::{DecisionRow, read_decisions};
+
+use super::{Failure, eval::one_run};
+
+/// Arguments of `shield explain`.
+#[derive(Args)]
+pub struct ExplainArguments {
+    /// The folder of a run, <OUT>/<experiment>/<variant>/seed-<n>.
+    run: PathBuf,
+    /// The environment step whose rejection is explained; without it, the last one after a count of all.
+    #[arg(long)]
+    step: Option<u64>,
+}
+
+/// A row of `interventions.csv`.
+#[derive(Debug, Clone, Deserialize)]
+struct Rejection {
+    step: u64,
+    phase: String,
+    verdict: String,
+    cause: String,
+    rule: String,
+    score: String,
+    reason: String,
+    proposed: String,
+    executed: String,
+    solver_status: String,
+    iterations: String,
+    distance: String,
+}
+
+/// Prints why an action was rejected: rule, members, threshold, and what projection tried.
+pub fn explain(arguments: &ExplainArguments) -> Result<(), Failure> {
+    let input = |error: anyhow::Error| Failure::Input(format!("{error:#}"));
+    one_run(&arguments.run)?;
+    let rejections = read(arguments).map_err(input)?;
+    if rejections.is_empty() {
+        println!("No action was rejected.");
+        return Ok(());
+    }
+    let Some(step) = arguments.step else {
+        count(&rejections);
+        let last = &rejections[rejections.len() - 1];
+        print(arguments, last).map_err(input)?;
+        return Ok(());
+    };
+    let chosen: Vec<_> = rejections.iter().filter(|rejection| rejection.step == step).collect();
+    if chosen.is_empty() {
+        let near = rejections.iter().min_by_key(|rejection| rejection.step.abs_diff(step));
+        let near = near.map_or(0, |rejection| rejection.step);
+        return Err(Failure::Input(format!(
+            "no action was rejected at step {step}; the nearest rejection is at step {near}: --step {near}"
+        )));
+    }
+    for rejection in chosen {
+        print(arguments, rejection).map_err(input)?;
+    }
+    Ok(())
+}
+
+fn read(arguments: &ExplainArguments) -> Result<Vec<Rejection>> {
+    let path = arguments.run.join("interventions.csv");
+    let mut table =
+        csv::Reader::from_path(&path).with_context(|| format!("{} cannot be read", path.display()))?;
+    let rows: Result<Vec<_>, _> = table.deserialize().collect();
+    rows.with_context(|| format!("{} is damaged", path.display()))
+}
+
+fn count(rejections: &[Rejection]) {
+    let mut counts: BTreeMap<(&str, &str, &str, &str), u64> = BTreeMap::new();
+    for rejection in rejections {
+        let Rejection { phase, verdict, cause, rule, .. } = rejection;
+        *counts.entry((phase, verdict, cause, rule)).or_default() += 1;
+    }
+    println!("{} actions were rejected:", rejections.len());
+    for ((phase, verdict, cause, rule), count) in counts {
+        let by = if rule.is_empty() { String::new() } else { format!(" by {rule}") };
+        println!("  {count:>8}  {phase}, {verdict}: {cause}{by}");
+    }
+    println!("The last of them:\n");
+}
+
+fn print(arguments: &ExplainArguments, rejection: &Rejection) -> Result<()> {
+    let Rejection { step, phase, verdict, cause, rule, score, reason, .. } = rejection;
+    println!("step {step}, {phase} agent: {verdict} ({cause})");
+    println!("  why        {reason}");
+    if !rule.is_empty() {
+        let compared =
+            score.parse().map_or(String::new(), |score| format!(", which compared {}", short(score)));
+        println!("  rule       {rule}{compared}");
+    }
+    println!("  proposed   {}", rejection.proposed);
+    match verdict.as_str() {
+        "abort" => println!("  executed   nothing: the reset agent took over"),
+        _ => println!("  executed   {}", rejection.executed),
+    }
+    projection(rejection);
+    match find(arguments, rejection) {
+        Ok(Some(row)) => members(&row),
+        Ok(None) => println!("  members    this decision was not recorded (`record: (decisions: …)`)"),
+        Err(_) => println!("  members    no decisions were recorded (`record: (decisions: …)`)"),
+    }
+    Ok(())
+}
+
+fn projection(rejection: &Rejection) {
+    let Rejection { verdict, cause, solver_status, iterations, distance, executed, .. } = rejection;
+    let tried = match (verdict.as_str(), solver_status.as_str(), cause.as_str()) {
+        ("project", "", _) => format!("another action was allowed as it is: {executed}"),
+        ("project", _, _) => {
+            let times = if iterations == "1" { "once" } else { &format!("{iterations} times") };
+            format!("a program was solved, linearised {times}, distance {distance} from the proposed action")
+        }
+        (_, "infeasible", _) => "no action keeps the rules' rows".to_owned(),
+        (_, "", "still_rejected") => "what was found, the rules reject too".to_owned(),
+        (_, "", "not_linearisable") => "a rule has no rows".to_owned(),
+        (_, "", _) => "nothing was tried".to_owned(),
+        (_, status, _) => format!("the solver: {status}"),
+    };
+    println!("  projection {tried}");
+}
+
+/// The recorded decision of a rejection.
+fn find(arguments: &ExplainArguments, rejection: &Rejection) -> Result<Option<DecisionRow>> {
+    let mut found = None;
+    read_decisions(&arguments.run, |row| {
+        let is_it = row.step == rejection.step && row.phase == rejection.phase;
+        let is_beyond = row.step > rejection.step;
+        if is_it {
+            found = Some(row);
+        }
+        Ok(!is_it && !is_beyond)
+    })?;
+    Ok(found)
+}
+
+fn members(row: &DecisionRow) {
+    let figures = |numbers: &[f32]| numbers.iter().copied().map(short).collect::<Vec<_>>().join(" ");
+    for (name, values) in [
+        ("members", &row.values),
+        ("greedy", &row.greedy_values),
+        ("forward", &row.forward_values),
+        ("scores", &row.scores),
+    ] {
+        if !values.is_empty() {
+            println!("  {name:<10} {}", figures(values));
+        }
+    }
+}
+
+/// Six decimals at most, or scientific where these would hide it.
+fn short(value: f32) -> String {
+    let (plain, shortest) = (format!("{value:.6}"), value.to_string());
+    match value.abs() {
+        small if small > 0.0 && small < 1e-4 => format!("{value:.3e}"),
+        _ if shortest.len() < plain.len() => shortest,
+        _ => plain,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn values_are_short() {
+        let shown = [5.611_509_6e-14, 0.123_456_79, 0.4, -2.5, 0.0, f32::NAN].map(short);
+        assert_eq!(shown, ["5.612e-14", "0.123457", "0.4", "-2.5", "0", "NaN"]);
+    }
+}

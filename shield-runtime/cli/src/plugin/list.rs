@@ -1,0 +1,29 @@
+//! `shield plugin list` and `shield env list`.
+
+use comfy_table::{ContentArrangement, Table, presets::NOTHING};
+use shield_host::plugin::{Kind, Registry};
+
+/// Prints what the registry found, of one kind or of all, and what it passed over.
+pub fn list(registry: &Registry, kind: Option<Kind>) {
+    let mut table = Table::new();
+    table.load_preset(NOTHING).set_content_arrangement(ContentArrangement::Disabled);
+    table.set_header(["ID", "KIND", "VERSION", "FILE", "DESCRIPTION"]);
+    let mut entries: Vec<_> = registry.entries().iter().collect();
+    entries.retain(|entry| kind.is_none_or(|kind| entry.kind == kind));
+    entries.sort_by_key(|entry| (entry.kind, entry.manifest.id.clone()));
+    for entry in entries {
+        let file = entry.path.file_name().map(|name| name.to_string_lossy().into_owned()).unwrap_or_default();
+        let manifest = &entry.manifest;
+        table.add_row([&manifest.id, entry.kind.name(), &manifest.version, &file, &manifest.description]);
+    }
+    println!("{table}");
+    for duplicate in registry.duplicates() {
+        println!("\nwarning: {duplicate}");
+    }
+    if !registry.skipped().is_empty() {
+        println!("\nPassed over:");
+        for skipped in registry.skipped() {
+            println!("  {}: {}", skipped.path.display(), skipped.reason);
+        }
+    }
+}

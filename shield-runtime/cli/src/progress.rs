@@ -1,0 +1,74 @@
+//! What a person sees while runs go on: one line per run, on the terminal only.
+
+use std::{fmt, time::Duration};
+
+use anyhow::Result;
+use indicatif::{MultiProgress, ProgressBar, ProgressState, ProgressStyle};
+use shield_core::{
+    experience::AgentRole,
+    record::{Counters, EpisodeRecord, EvaluationRecord},
+};
+use shield_lab::observer::{Observer, Scene, Step};
+
+/// Steps between two updates of the line.
+const EVERY: u64 = 64;
+
+/// The line of one run.
+pub struct Progress {
+    bar: ProgressBar,
+    last_return: f64,
+    has_evaluation: bool,
+}
+
+impl Progress {
+    /// A line among others, for a run of `steps` of which `steps_before` were made before.
+    pub fn new(display: &MultiProgress, name: String, steps: u64, steps_before: u64) -> Self {
+        let style = ProgressStyle::with_template(
+            "{prefix:24} {bar:16} {percent:>3}% {speed:>10} {wide_msg} {eta:>4} left",
+        )
+        .unwrap_or_else(|_| ProgressStyle::default_bar())
+        .with_key("speed", |state: &ProgressState, out: &mut dyn fmt::Write| {
+            // A line that cannot be drawn is no reason to stop a run.
+            write!(out, "{:.0}/s", state.per_sec()).ok();
+        });
+        let bar = display.add(ProgressBar::new(steps).with_style(style).with_prefix(name));
+        bar.set_position(steps_before);
+        bar.reset_eta();
+        bar.enable_steady_tick(Duration::from_millis(500));
+        Self { bar, last_return: f64::NAN, has_evaluation: false }
+    }
+}
+
+impl Drop for Progress {
+    fn drop(&mut self) {
+        self.bar.finish_and_clear();
+    }
+}
+
+impl Observer for Progress {
+    fn on_step(&mut self, step: &Step<'_>, _: &mut Scene<'_>) -> Result<()> {
+        let counters = step.counters;
+        if counters.steps.is_multiple_of(EVERY) {
+            self.bar.set_position(counters.steps);
+            let Counters { early_aborts, hard_resets, .. } = counters;
+            self.bar.set_message(format!(
+                "return {:.1} · {early_aborts} aborts · {hard_resets} hard resets",
+                self.last_return
+            ));
+        }
+        Ok(())
+    }
+
+    fn on_episode(&mut self, episode: &EpisodeRecord, _counters: &Counters) -> Result<()> {
+        if episode.role == AgentRole::Forward && !self.has_evaluation {
+            self.last_return = episode.forward_return;
+        }
+        Ok(())
+    }
+
+    fn on_evaluation(&mut self, evaluation: &EvaluationRecord, _counters: &Counters) -> Result<()> {
+        self.has_evaluation = true;
+        self.last_return = evaluation.mean_return;
+        Ok(())
+    }
+}

@@ -1,0 +1,108 @@
+//! `shield run`: every variant with every seed, as far as they are not done yet.
+
+use std::{num::NonZeroUsize, path::PathBuf};
+
+use clap::Args;
+use shield_config::experiment::{ExperimentFile, Override, Variant};
+use shield_host::plugin::Registry;
+use shield_lab::run::{Identity, RunFolder, prepare};
+use shield_report::report::Record;
+
+use super::{
+    Failure,
+    session::{Job, Session},
+};
+
+/// Arguments of `shield run`.
+#[derive(Args)]
+pub struct RunArguments {
+    /// The experiment, a RON file.
+    experiment: PathBuf,
+    /// Folder of the results; each run writes <OUT>/<experiment>/<variant>/seed-<n>.
+    #[arg(long, default_value = "runs")]
+    out: PathBuf,
+    /// Seeds to run instead of the experiment's, for example 0,1.
+    #[arg(long, value_delimiter = ',')]
+    seeds: Option<Vec<u64>>,
+    /// Steps of each run instead of the experiment's.
+    #[arg(long)]
+    steps: Option<u64>,
+    /// Variants to run instead of all, for example shielded,status-quo.
+    #[arg(long, value_delimiter = ',')]
+    variants: Option<Vec<String>>,
+    /// Sets a field of the experiment, for example shield.rules[0].config.q_min=5. May be repeated.
+    #[arg(long = "set", value_name = "PATH=VALUE")]
+    sets: Vec<String>,
+    /// Runs at the same time. Default: as many as the cores allow with the experiment's threads.
+    #[arg(long)]
+    jobs: Option<NonZeroUsize>,
+    /// Removes earlier results of the same runs. Without it, finished runs are kept and unfinished ones go on.
+    #[arg(long)]
+    overwrite: bool,
+    /// A record of runs, as `shield report --record` writes it: those that it has with the same configuration are not made again.
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
+}
+
+/// Runs an experiment and prints its table.
+pub fn run(arguments: &RunArguments, registry: &Registry) -> Result<(), Failure> {
+    let file = ExperimentFile::read(&arguments.experiment)?;
+    let variants = file.variants(&overrides(arguments)?, arguments.variants.as_deref())?;
+    // Everything that can be wrong with the input shows before the first folder is written.
+    for variant in &variants {
+        prepare(registry, variant, variant.experiment.seeds[0])?;
+    }
+    let record = match &arguments.record {
+        Some(path) if path.exists() => {
+            Some(Record::read(path).map_err(|error| Failure::Input(format!("{error:#}")))?)
+        }
+        Some(path) => {
+            eprintln!("{} does not exist yet: no run is recorded", path.display());
+            None
+        }
+        None => None,
+    };
+    Session::new(registry, arguments.jobs)
+        .with_overwrite(arguments.overwrite)
+        .with_record(record)
+        .work(jobs(arguments, &variants))?;
+    let folder = arguments.out.join(&variants[0].experiment.name);
+    match &arguments.record {
+        Some(record) if !folder.exists() => println!("Every run is recorded in {}.", record.display()),
+        _ => println!("Runs are in {}.", folder.display()),
+    }
+    Ok(())
+}
+
+fn overrides(arguments: &RunArguments) -> Result<Vec<Override>, Failure> {
+    let mut overrides = Vec::new();
+    for set in &arguments.sets {
+        overrides.push(Override::parse(set)?);
+    }
+    if let Some(steps) = arguments.steps {
+        overrides.push(Override::new("steps", &steps.to_string(), format!("--steps {steps}"))?);
+    }
+    if let Some(seeds) = &arguments.seeds {
+        let list = seeds.iter().map(u64::to_string).collect::<Vec<_>>().join(",");
+        overrides.push(Override::new("seeds", &format!("[{list}]"), format!("--seeds {list}"))?);
+    }
+    Ok(overrides)
+}
+
+/// Seed by seed, so that the first results of every variant come early.
+fn jobs(arguments: &RunArguments, variants: &[Variant]) -> Vec<Job> {
+    let mut jobs: Vec<(usize, Job)> = Vec::new();
+    for variant in variants {
+        for (position, seed) in variant.experiment.seeds.iter().enumerate() {
+            let identity = Identity {
+                experiment: variant.experiment.name.clone(),
+                variant: variant.name.clone(),
+                seed: *seed,
+            };
+            let folder = RunFolder::new(&arguments.out, &identity);
+            jobs.push((position, Job { variant: variant.clone(), identity, folder }));
+        }
+    }
+    jobs.sort_by_key(|(position, _)| *position);
+    jobs.into_iter().map(|(_, job)| job).collect()
+}

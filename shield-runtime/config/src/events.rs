@@ -1,0 +1,168 @@
+//! The event file that TensorBoard reads: records of protocol buffers, each between two checksums.
+//!
+//! The format is TensorFlow's `Event` with `Summary.Value.simple_value` inside `TFRecord`s. TensorBoard wants a wall-clock time with
+//! each figure; to keep the file the same in every run of a seed, that is the environment step, read as seconds.
+
+use std::{
+    collections::BTreeMap,
+    fs::{self, File, OpenOptions},
+    io::{self, BufWriter, Seek, SeekFrom, Write},
+    path::{Path, PathBuf},
+};
+
+use anyhow::{Context, Result};
+use prost::Message;
+
+/// The name has what TensorBoard looks for.
+const FILE: &str = "tensorboard/events.out.tfevents.0.shield";
+/// What the first event of every file says.
+const VERSION: &str = "brain.Event:2";
+
+/// The part of TensorFlow's `event.proto` that scalars need.
+#[derive(Clone, PartialEq, Message)]
+struct Event {
+    #[prost(double, tag = "1")]
+    wall_time: f64,
+    #[prost(int64, tag = "2")]
+    step: i64,
+    #[prost(string, optional, tag = "3")]
+    file_version: Option<String>,
+    #[prost(message, optional, tag = "5")]
+    summary: Option<Scalars>,
+}
+
+/// `Summary` of `summary.proto`.
+#[derive(Clone, PartialEq, Message)]
+struct Scalars {
+    #[prost(message, repeated, tag = "1")]
+    value: Vec<Scalar>,
+}
+
+/// `Summary.Value`.
+#[derive(Clone, PartialEq, Message)]
+struct Scalar {
+    #[prost(string, tag = "1")]
+    tag: String,
+    /// One of several kinds of value in the original, so that a 0 must be written too.
+    #[prost(float, optional, tag = "2")]
+    simple_value: Option<f32>,
+}
+
+/// The event file of a run, growing with it.
+pub struct EventFile {
+    path: PathBuf,
+    file: BufWriter<File>,
+}
+
+impl EventFile {
+    /// The file of a run that begins, or goes on from where `lengths` has it; what was written after that is cut off.
+    pub fn open(run: &Path, lengths: &BTreeMap<String, u64>) -> Result<Self> {
+        let path = run.join(FILE);
+        let open = || {
+            path.parent().map_or(Ok(()), fs::create_dir_all)?;
+            let mut file = OpenOptions::new().create(true).write(true).truncate(false).open(&path)?;
+            file.set_len(lengths.get(FILE).copied().unwrap_or(0))?;
+            file.seek(SeekFrom::End(0))?;
+            io::Result::Ok(file)
+        };
+        let file = open().with_context(|| format!("{} cannot be written", path.display()))?;
+        let mut events = Self { path, file: BufWriter::new(file) };
+        if !lengths.contains_key(FILE) {
+            events.write(&Event { file_version: Some(VERSION.into()), ..Event::default() })?;
+        }
+        Ok(events)
+    }
+
+    /// Figures after `step` environment steps.
+    pub fn scalars(&mut self, step: u64, figures: &[(&str, f64)]) -> Result<()> {
+        let scalar =
+            |(tag, value): &(&str, f64)| Scalar { tag: (*tag).to_owned(), simple_value: Some(*value as f32) };
+        let value = figures.iter().map(scalar).collect();
+        let summary = Some(Scalars { value });
+        self.write(&Event { wall_time: step as f64, step: step as i64, file_version: None, summary })
+    }
+
+    fn write(&mut self, event: &Event) -> Result<()> {
+        let body = event.encode_to_vec();
+        let length = (body.len() as u64).to_le_bytes();
+        let mut record = Vec::with_capacity(body.len() + 16);
+        record.extend(length);
+        record.extend(masked_checksum(&length).to_le_bytes());
+        record.extend(&body);
+        record.extend(masked_checksum(&body).to_le_bytes());
+        self.file.write_all(&record).with_context(|| self.cannot_write())
+    }
+
+    /// Hands finished events to the system.
+    pub fn flush(&mut self) -> Result<()> {
+        self.file.flush().with_context(|| self.cannot_write())
+    }
+
+    /// Makes the events last. Returns the name of the file and its length.
+    pub fn sync(&mut self) -> Result<(String, u64)> {
+        self.flush()?;
+        let file = self.file.get_ref();
+        let synced = file.sync_data().and_then(|()| Ok(file.metadata()?.len()));
+        Ok((FILE.to_owned(), synced.with_context(|| self.cannot_write())?))
+    }
+
+    fn cannot_write(&self) -> String {
+        format!("{} cannot be written", self.path.display())
+    }
+}
+
+/// CRC-32C, rotated and shifted as TFRecord wants it.
+fn masked_checksum(bytes: &[u8]) -> u32 {
+    crc32c::crc32c(bytes).rotate_right(15).wrapping_add(0xa282_ead8)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Every event of a file whose checksums are right.
+    fn events(run: &Path) -> Vec<Event> {
+        let bytes = fs::read(run.join(FILE)).unwrap();
+        let mut rest = bytes.as_slice();
+        let mut found = Vec::new();
+        let number = |bytes: &[u8]| u32::from_le_bytes(bytes.try_into().unwrap());
+        while !rest.is_empty() {
+            let length = u64::from_le_bytes(rest[..8].try_into().unwrap()) as usize;
+            assert_eq!(number(&rest[8..12]), masked_checksum(&rest[..8]));
+            let body = &rest[12..12 + length];
+            assert_eq!(number(&rest[12 + length..16 + length]), masked_checksum(body));
+            found.push(Event::decode(body).unwrap());
+            rest = &rest[16 + length..];
+        }
+        found
+    }
+
+    #[test]
+    fn figures_come_back_and_what_follows_a_checkpoint_is_cut_off() {
+        let run = tempfile::tempdir().unwrap();
+        let mut file = EventFile::open(run.path(), &BTreeMap::new()).unwrap();
+        file.scalars(5, &[("a/b", 1.5), ("c", 0.0)]).unwrap();
+        let lengths = BTreeMap::from([file.sync().unwrap()]);
+        file.scalars(6, &[("a/b", 7.0)]).unwrap();
+        drop(file);
+        assert_eq!(events(run.path()).len(), 3);
+        let mut file = EventFile::open(run.path(), &lengths).unwrap();
+        file.scalars(8, &[("c", 3.0)]).unwrap();
+        drop(file);
+        let events = events(run.path());
+        assert_eq!(events[0].file_version.as_deref(), Some(VERSION));
+        let second = events[1].summary.as_ref().unwrap();
+        assert_eq!(
+            (events[1].step, second.value[0].tag.as_str(), second.value[1].simple_value),
+            (5, "a/b", Some(0.0))
+        );
+        assert_eq!((events[2].step, events.len()), (8, 3));
+    }
+
+    #[test]
+    fn the_checksum_is_tfrecords() {
+        // Length 0 of an empty record, as TensorFlow writes it.
+        assert_eq!(crc32c::crc32c(b"123456789"), 0xe306_9283);
+        assert_eq!(masked_checksum(&[0; 8]), 0x8c28_b28a_u32.rotate_right(15).wrapping_add(0xa282_ead8));
+    }
+}

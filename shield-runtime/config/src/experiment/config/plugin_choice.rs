@@ -1,0 +1,91 @@
+//! Which plugins, and how they are run.
+
+use ron::value::RawValue;
+use serde::{Deserialize, Deserializer, Serialize};
+
+use shield_host::plugin::Selection;
+
+/// A plugin and its configuration.
+#[derive(Debug, Clone, Deserialize, Serialize)]
+#[serde(deny_unknown_fields)]
+pub struct PluginChoice {
+    /// The plugin's id.
+    pub plugin: String,
+    /// A file to load it from, instead of the search path.
+    #[serde(default)]
+    pub path: Option<std::path::PathBuf>,
+    /// RON text that only the plugin understands.
+    #[serde(default = "empty_config", deserialize_with = "bare_config")]
+    pub config: Box<RawValue>,
+    /// In a process of its own, so that a crash, an exit or a hang in it is an error. For environments and policies.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub isolate: bool,
+    /// How that process is treated.
+    #[serde(default, skip_serializing_if = "is_default")]
+    pub worker: WorkerConfig,
+}
+
+impl PluginChoice {
+    /// What it names, whatever the experiment pins.
+    pub fn selection(&self) -> Selection {
+        Selection { path: self.path.clone(), ..Selection::new(&self.plugin) }
+    }
+}
+
+/// How the process of an isolated plugin is treated.
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct WorkerConfig {
+    /// What follows when it dies or gives no answer, or the plugin panics.
+    pub on_failure: OnWorkerFailure,
+    /// How long the plugin may take to be made, in seconds.
+    pub start_timeout_s: f64,
+    /// How long any later call may take, in seconds.
+    pub step_timeout_s: f64,
+}
+
+impl Default for WorkerConfig {
+    fn default() -> Self {
+        Self { on_failure: OnWorkerFailure::Error, start_timeout_s: 60.0, step_timeout_s: 10.0 }
+    }
+}
+
+/// What follows the failure of an isolated plugin's process.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Deserialize, Serialize)]
+pub enum OnWorkerFailure {
+    /// The run ends with the reason.
+    Error,
+    /// A new process takes its place. An environment's episode ends there, and a counted hard reset follows; a policy is asked again.
+    Restart,
+}
+
+fn is_default<T: Default + PartialEq>(value: &T) -> bool {
+    *value == T::default()
+}
+
+/// Without the comments around it, so that the text begins where the value does: the positions that a plugin reports count from there.
+fn bare_config<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Box<RawValue>, D::Error> {
+    Box::<RawValue>::deserialize(deserializer).map(RawValue::trim_boxed)
+}
+
+fn empty_config() -> Box<RawValue> {
+    RawValue::from_boxed_ron("()".into()).expect("() is RON")
+}
+
+/// Who does the task.
+#[derive(Debug, Clone, Deserialize, Serialize)]
+pub enum Forward {
+    /// An agent that learns.
+    Learner(PluginChoice),
+    /// A finished policy.
+    Policy(PluginChoice),
+}
+
+impl Forward {
+    /// The plugin behind it.
+    pub fn choice(&self) -> &PluginChoice {
+        match self {
+            Self::Learner(choice) | Self::Policy(choice) => choice,
+        }
+    }
+}

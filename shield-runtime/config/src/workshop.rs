@@ -1,0 +1,179 @@
+//! Makes the plugins that an experiment or a drop-in names, and leads what they refuse back to the user's file.
+
+mod drop_in;
+
+use std::time::Duration;
+
+use indexmap::IndexMap;
+use rand::Rng;
+use rand_pcg::Pcg64;
+use shield_api::{AbortRule, Learner, ResetTask, Setup, Spaces};
+
+use crate::experiment::{InputError, PluginChoice, RuleConfig, ShieldConfig, Source};
+use shield_core::shield::{Ladder, LadderSettings, RuleTree, nearest_to_zero};
+use shield_host::plugin::{self, PluginError, Registry, Selection};
+
+/// What draws random numbers. Each has a stream of its own, so that a change in one leaves the others alone.
+#[derive(Debug, Clone, Copy)]
+pub enum Stream {
+    /// The environment.
+    Environment,
+    /// The environments of evaluations.
+    EvaluationEnvironment,
+    /// The forward agent.
+    Forward,
+    /// The reset agent.
+    Reset,
+    /// The reset task.
+    ResetTask,
+    /// The reset tasks of evaluations.
+    EvaluationResetTask,
+    /// The rules.
+    Rules,
+    /// The rules of evaluations.
+    EvaluationRules,
+    /// Batches of the forward agent.
+    ForwardBatches,
+    /// Batches of the reset agent.
+    ResetBatches,
+    /// Seeds of hard resets.
+    HardResets,
+    /// Bootstrap masks.
+    Masks,
+    /// Seeds of evaluation episodes.
+    EvaluationSeeds,
+}
+
+/// Where plugins are found, and what all of one run share.
+pub struct Workshop<'a> {
+    /// Where plugins are found.
+    pub registry: &'a Registry,
+    /// The text in which they are named.
+    pub source: &'a Source,
+    /// SHA-256 by plugin id.
+    pub pins: &'a IndexMap<String, String>,
+    /// Threads that each may use.
+    pub threads: usize,
+    /// Of every random number.
+    pub seed: u64,
+}
+
+impl Workshop<'_> {
+    /// A stream's random numbers.
+    pub fn generator(&self, stream: Stream) -> Pcg64 {
+        Pcg64::new(u128::from(self.seed), stream as u128)
+    }
+
+    /// A stream's first number, to seed a plugin.
+    pub fn derived_seed(&self, stream: Stream) -> u64 {
+        self.generator(stream).next_u64()
+    }
+
+    /// What a plugin is told when it is made.
+    pub fn setup(&self, stream: Stream, spaces: &Spaces) -> Setup {
+        Setup::with_spaces(self.derived_seed(stream), self.threads, plugin::host(), spaces.clone())
+    }
+
+    /// Which file a choice may come from.
+    pub fn selection(&self, choice: &PluginChoice) -> Selection {
+        let sha256 = self.pins.get(&choice.plugin).cloned();
+        Selection { sha256, ..choice.selection() }
+    }
+
+    /// Makes the learner at `path`.
+    ///
+    /// # Errors
+    /// It is missing or refuses its configuration.
+    pub fn learner(
+        &self,
+        path: &str,
+        choice: &PluginChoice,
+        setup: &Setup,
+    ) -> Result<Box<dyn Learner>, InputError> {
+        let learner = self.registry.learner(&self.selection(choice), choice.config.get_ron(), setup);
+        Ok(Box::new(learner.map_err(|error| self.input_error(path, error))?))
+    }
+
+    /// Makes the reset task.
+    ///
+    /// # Errors
+    /// It is missing or refuses its configuration.
+    pub fn reset_task(&self, choice: &PluginChoice, setup: &Setup) -> Result<Box<dyn ResetTask>, InputError> {
+        let task = self.registry.reset_task(&self.selection(choice), choice.config.get_ron(), setup);
+        Ok(Box::new(task.map_err(|error| self.input_error("reset_task", error))?))
+    }
+
+    /// What decides, for a reset agent like `reset`.
+    pub fn ladder(
+        &self,
+        config: &ShieldConfig,
+        reset: &dyn Learner,
+        spaces: &Spaces,
+        stream: Stream,
+    ) -> Result<Ladder, InputError> {
+        let rules = self.rules(&config.rules, "shield.rules", &mut self.setup(stream, spaces))?;
+        let fallback_action =
+            config.fallback_action.clone().unwrap_or_else(|| nearest_to_zero(&spaces.action));
+        let settings =
+            LadderSettings { spaces: spaces.clone(), warm_up_steps: config.warm_up_steps, fallback_action };
+        let mut ladder = Ladder::new(RuleTree::All(rules), reset, settings)
+            .map_err(|error| self.refused("shield.fallback_action", &error))?;
+        if let Some(projection) = &config.projection {
+            ladder = ladder
+                .with_projection(projection.clone())
+                .map_err(|error| self.refused("shield.projection", &error))?;
+        }
+        if let Some(deadline) = config.deadline_us {
+            ladder = ladder.with_deadline(Duration::from_micros(deadline));
+        }
+        Ok(ladder)
+    }
+
+    fn rules(
+        &self,
+        rules: &[RuleConfig],
+        path: &str,
+        setup: &mut Setup,
+    ) -> Result<Vec<RuleTree>, InputError> {
+        let mut trees = Vec::with_capacity(rules.len());
+        for (index, rule) in rules.iter().enumerate() {
+            let path = format!("{path}[{index}]");
+            trees.push(match rule {
+                RuleConfig::Rule(choice) => RuleTree::Rule(self.rule(choice, &path, setup)?),
+                RuleConfig::Soft { priority, rule } => {
+                    RuleTree::soft(*priority, self.rule(rule, &format!("{path}.rule"), setup)?)
+                }
+                RuleConfig::All(parts) => RuleTree::All(self.rules(parts, &path, setup)?),
+                RuleConfig::Any(parts) => RuleTree::Any(self.rules(parts, &path, setup)?),
+            });
+        }
+        Ok(trees)
+    }
+
+    fn rule(
+        &self,
+        choice: &PluginChoice,
+        path: &str,
+        setup: &mut Setup,
+    ) -> Result<Box<dyn AbortRule>, InputError> {
+        setup.seed = setup.seed.wrapping_add(1);
+        let rule = self.registry.abort_rule(&self.selection(choice), choice.config.get_ron(), setup);
+        Ok(Box::new(rule.map_err(|error| self.input_error(path, error))?))
+    }
+
+    /// What a plugin says, at the place in the user's file that it speaks of.
+    pub fn input_error(&self, path: &str, error: PluginError) -> InputError {
+        match error.config_fault() {
+            Some((message, position)) => self.source.error_at(&format!("{path}.config"), position, message),
+            None if matches!(error, PluginError::NotPinned { .. }) => {
+                self.source.error_at("pins", None, error.to_string())
+            }
+            None => self.source.error_at(&format!("{path}.plugin"), None, error.to_string()),
+        }
+    }
+
+    /// What was refused of the value at `path`.
+    pub fn refused(&self, path: &str, error: &shield_api::Error) -> InputError {
+        self.source.error_at(path, None, error.message())
+    }
+}

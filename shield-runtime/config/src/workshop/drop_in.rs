@@ -1,0 +1,70 @@
+//! From a configuration to a shield that can decide.
+
+use shield_api::Spaces;
+
+use super::{Stream, Workshop};
+use crate::experiment::{DropInFile, InputError, SpacesConfig, cycle_settings};
+use shield_core::{
+    agent::Agent,
+    cycle::{CycleParts, CycleSettings, Memory, ResetCycle},
+    drop_in::DropIn,
+    experience::{AgentRole, Experience},
+};
+use shield_host::plugin::Registry;
+
+impl DropInFile {
+    /// Loads and configures everything that the file names, for an environment with these spaces; without any, for those in the file.
+    ///
+    /// # Errors
+    /// A plugin is missing or broken, refuses its configuration, or does not fit the others; there are no spaces, or two different ones.
+    pub fn open(&self, registry: &Registry, spaces: Option<Spaces>) -> Result<DropIn, InputError> {
+        let Self { config, source } = self;
+        let (pins, threads, seed) = (&config.pins, config.threads, config.seed);
+        let workshop = Workshop { registry, source, pins, threads, seed };
+        let spaces = spaces_of(self, spaces)?;
+        let task = match &config.reset_task {
+            None => None,
+            Some(choice) => Some(workshop.reset_task(choice, &workshop.setup(Stream::ResetTask, &spaces))?),
+        };
+        let learner = workshop.learner("reset", &config.reset, &workshop.setup(Stream::Reset, &spaces))?;
+        let ladder = workshop.ladder(&config.shield, &*learner, &spaces, Stream::Rules)?;
+        let learned = &config.experience;
+        let members = [0, learner.info().members];
+        let experience = Experience::new(learned.capacity, &spaces, members, learned.bootstrap_probability)
+            .map_err(|error| workshop.refused("experience.capacity", &error))?;
+        let sampler = workshop.generator(Stream::ResetBatches);
+        let reset = Agent::new(AgentRole::Reset, learner, learned.batch, &spaces, sampler);
+        let learns = learned.updates_per_step > 0;
+        let memory = Memory { experience, masks: workshop.generator(Stream::Masks) };
+        let parts = CycleParts {
+            forward: None,
+            reset: Some(reset),
+            ladder: Some(ladder),
+            memory: learns.then_some(memory),
+        };
+        let settings = CycleSettings {
+            attempt_length: config.episode_length,
+            explores: learns,
+            stores_forward: false,
+            hard_reset_cost: config.hard_reset_cost,
+            ..cycle_settings(&config.shield, learned)
+        };
+        let lengths = [spaces.observation_len(), spaces.action_len()];
+        DropIn::new(ResetCycle::new(settings, parts, lengths), task)
+            .map_err(|error| workshop.refused("shield", &error))
+    }
+}
+
+fn spaces_of(file: &DropInFile, given: Option<Spaces>) -> Result<Spaces, InputError> {
+    let written = file.config.spaces.clone().map(SpacesConfig::into_spaces);
+    let error = |message: &str| file.source.error_at("spaces", None, message);
+    match (given, written) {
+        (Some(given), Some(written)) if given != written => {
+            Err(error("these are not the spaces of the environment; leave them out"))
+        }
+        (Some(spaces), _) | (None, Some(spaces)) => Ok(spaces),
+        (None, None) => Err(error(
+            "the spaces are not known: for example `spaces: (observation: Unbounded(4), action: Box(low: [-1.0], high: [1.0]))`",
+        )),
+    }
+}

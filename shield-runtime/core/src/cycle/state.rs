@@ -1,0 +1,119 @@
+//! Keeping what a cycle remembers between two steps, and going on from it.
+
+use serde::{Deserialize, Serialize};
+use shield_api::{AbortRule, Error, Result, check_length};
+
+use super::{CycleParts, ResetCycle};
+use crate::{
+    agent::{Agent, AgentState, ForwardAgent},
+    experience::AgentRole,
+    plugin_state::PluginState,
+    record::{Counters, Tally},
+    shield::Ladder,
+};
+
+/// Where a cycle stands between two steps, within an episode.
+#[derive(Serialize, Deserialize)]
+pub struct CycleState {
+    turn: AgentRole,
+    tally: Tally,
+    failed_attempts: u32,
+    was_irreversible: bool,
+    previous: Option<Vec<f32>>,
+}
+
+/// What the agents and the rules have learned.
+#[derive(Serialize, Deserialize)]
+pub struct LearnedState {
+    /// The forward agent's, where there is one.
+    pub forward: Option<AgentState>,
+    /// The reset agent's, where there is one.
+    pub reset: Option<AgentState>,
+    /// One for each rule.
+    pub rules: Vec<PluginState>,
+}
+
+impl CycleParts {
+    /// What the agents and the rules have learned.
+    ///
+    /// # Errors
+    /// A plugin fails to save its state.
+    pub fn save(&mut self) -> Result<LearnedState> {
+        Ok(LearnedState {
+            forward: self.forward.as_ref().map(ForwardAgent::save).transpose()?,
+            reset: self.reset.as_ref().map(Agent::save).transpose()?,
+            rules: save_rules(self.ladder.as_mut())?,
+        })
+    }
+
+    /// Gives both agents and the rules what they had learned.
+    ///
+    /// # Errors
+    /// A plugin refuses its state.
+    pub fn restore(&mut self, state: &LearnedState) -> Result<()> {
+        if let (Some(forward), Some(state)) = (&mut self.forward, &state.forward) {
+            forward.restore(state)?;
+        }
+        if let (Some(reset), Some(state)) = (&mut self.reset, &state.reset) {
+            reset.restore(state)?;
+        }
+        restore_rules(self.ladder.as_mut(), &state.rules)
+    }
+}
+
+impl ResetCycle {
+    /// Where the cycle stands.
+    pub fn save(&self) -> CycleState {
+        CycleState {
+            turn: self.turn,
+            tally: self.episode.unwrap_or_default(),
+            failed_attempts: self.failed_attempts,
+            was_irreversible: self.was_irreversible,
+            previous: self.has_previous.then(|| self.previous.clone()),
+        }
+    }
+
+    /// Goes on within the episode in which `state` was saved.
+    ///
+    /// # Errors
+    /// It belongs to actions of another length.
+    pub fn restore(&mut self, state: &CycleState) -> Result<()> {
+        if let Some(previous) = &state.previous {
+            check_length("the saved action", previous, self.previous.len())?;
+            self.previous.copy_from_slice(previous);
+        }
+        self.has_previous = state.previous.is_some();
+        (self.turn, self.episode) = (state.turn, Some(state.tally));
+        (self.failed_attempts, self.was_irreversible) = (state.failed_attempts, state.was_irreversible);
+        (self.is_placed, self.hard_reset_due) = (true, None);
+        Ok(())
+    }
+
+    /// Goes on from what was counted.
+    pub fn restore_counts(&mut self, counters: Counters, reset_successes: u64) {
+        (self.counters, self.reset_successes) = (counters, reset_successes);
+    }
+
+    /// Who takes part, to be saved or restored.
+    pub fn parts_mut(&mut self) -> &mut CycleParts {
+        &mut self.parts
+    }
+}
+
+/// The states of rules: all that a ladder carries from one decision to the next.
+pub fn save_rules(ladder: Option<&mut Ladder>) -> Result<Vec<PluginState>> {
+    let rules = ladder.into_iter().flat_map(Ladder::rules);
+    rules.map(|rule: &mut dyn AbortRule| PluginState::of(rule)).collect()
+}
+
+/// Gives rules their states. There must be one for each.
+pub fn restore_rules(ladder: Option<&mut Ladder>, states: &[PluginState]) -> Result<()> {
+    let mut rules: Vec<_> = ladder.into_iter().flat_map(Ladder::rules).collect();
+    if rules.len() != states.len() {
+        let (found, own) = (states.len(), rules.len());
+        return Err(Error::invalid_argument(format!(
+            "it has the states of {found} rules; here there are {own}"
+        )));
+    }
+    rules.iter_mut().zip(states).try_for_each(|(rule, state)| state.restore(*rule))
+}

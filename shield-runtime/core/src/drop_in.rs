@@ -1,0 +1,352 @@
+//! The shield in somebody else's loop: what the doors for Python, C and Rust share.
+//!
+//! The caller proposes, executes and reports; the [reset cycle](crate::cycle) decides, stores, learns and counts. Where the caller has an
+//! environment that can be stepped, [`Shielded`](crate::shielded::Shielded) is the loop around this.
+
+mod builder;
+mod figures;
+mod state;
+
+pub use builder::{DropInBuilder, Learning};
+pub use figures::EpisodeLog;
+pub use state::{DropInState, RestoreError};
+
+use shield_api::{
+    Error, Learner, Phase, ResetSignal, ResetTask, Result, Spaces, StepOutcome, check_finite, check_length,
+};
+
+use self::figures::Figures;
+use crate::{
+    cycle::{HardResetDue, ResetCycle},
+    decision::{Cause, Decision},
+    experience::AgentRole,
+    record::Counters,
+    shield::{Judgement, Ladder, write_safe},
+};
+
+/// A shield, what "reset" means, and what the reset agent learns.
+///
+/// Each step: [`filter`](Self::filter) the proposed action, execute what is then in the buffer, [`observe`](Self::observe) where it led. An
+/// aborted action has given way to the reset agent's, which is in charge from then on, as [`phase`](Self::phase) says, until its attempt is
+/// over. When [`needs_hard_reset`](Self::needs_hard_reset), nothing may move until [`hard_reset_done`](Self::hard_reset_done).
+///
+/// ```
+/// use shield_api::{ActMode, Batch, Checkpoint, Learner, LearnerInfo, ResetSignal, Result, Space, Spaces};
+/// use crate::{decision::Decision, drop_in::DropIn};
+/// # use shield_api::{AbortRule, Needs, Reason, RuleContext, RuleVerdict};
+/// # struct Home;
+/// # impl Checkpoint for Home {}
+/// # impl Learner for Home {
+/// #     fn info(&self) -> LearnerInfo { LearnerInfo { members: 1, discount: 0.99 } }
+/// #     fn act(&mut self, observation: &[f32], _: ActMode, action: &mut [f32]) -> Result<()> {
+/// #         action[0] = (-observation[0]).clamp(-1.0, 1.0);
+/// #         Ok(())
+/// #     }
+/// #     fn q_values(&mut self, observation: &[f32], action: &[f32], values: &mut [f32]) -> Result<()> {
+/// #         values[0] = 1.0 - (observation[0] + action[0]).abs();
+/// #         Ok(())
+/// #     }
+/// #     fn update(&mut self, _: &Batch<'_>) -> Result<()> { Ok(()) }
+/// # }
+/// # struct AtLeast(f32);
+/// # impl Checkpoint for AtLeast {}
+/// # impl AbortRule for AtLeast {
+/// #     fn needs(&self) -> Needs { Needs { values: true, ..Needs::default() } }
+/// #     fn evaluate(&self, context: &RuleContext<'_>, _: &mut Reason<'_>) -> Result<RuleVerdict> {
+/// #         Ok(RuleVerdict::from_safe(context.values[0] >= self.0, context.values[0]))
+/// #     }
+/// # }
+/// # fn main() -> Result<()> {
+/// // `Home` is a learner that walks back to 0, `AtLeast` a rule; plugins are found by `plugin::Registry`.
+/// let spaces = Spaces { observation: Space::unbounded(1), action: Space::uniform(1, -1.0, 1.0) };
+/// let mut shield = DropIn::builder(spaces, Box::new(Home)).rule(Box::new(AtLeast(0.25))).build()?;
+///
+/// let mut position = 0.0_f32;
+/// for _ in 0..20 {
+///     let mut action = [0.5]; // What the policy proposes: ever further away.
+///     match shield.filter(&[position], &mut action)? {
+///         Decision::Abort(_) => println!("too far from home: {}", shield.reason()),
+///         Decision::Resetting => println!("on the way back"),
+///         _ => println!("allowed"),
+///     }
+///     position += action[0]; // The robot moves.
+///     let home = ResetSignal { reward: 1.0 - position.abs(), in_reset_set: position.abs() < 0.1 };
+///     shield.observe(&[position], Some(home), false)?;
+///     if shield.needs_hard_reset() {
+///         position = 0.0; // A person carries it home.
+///         shield.hard_reset_done(&[position])?;
+///     }
+///     assert!(position <= 1.0);
+/// }
+/// # Ok(())
+/// # }
+/// ```
+pub struct DropIn {
+    cycle: ResetCycle,
+    task: Option<Box<dyn ResetTask>>,
+    figures: Figures,
+    observation: Vec<f32>,
+}
+
+impl DropIn {
+    /// Begins to describe a shield for an environment with these spaces, and the agent that undoes.
+    pub fn builder(spaces: Spaces, reset_agent: Box<dyn Learner>) -> DropInBuilder {
+        DropInBuilder::new(spaces, reset_agent)
+    }
+
+    /// Puts a cycle with a ladder and a reset agent into a loop. Without a `task`, every [`observe`](Self::observe) must say what "reset" means.
+    ///
+    /// # Errors
+    /// The cycle has no ladder or no reset agent.
+    pub fn new(cycle: ResetCycle, task: Option<Box<dyn ResetTask>>) -> Result<Self> {
+        let (Some(ladder), Some(_)) = (&cycle.parts().ladder, &cycle.parts().reset) else {
+            return Err(Error::invalid_argument("a shield needs rules and a reset agent"));
+        };
+        let observation = vec![0.0; ladder.spaces().observation_len()];
+        Ok(Self { cycle, task, figures: Figures::default(), observation })
+    }
+
+    /// Everything is at its start, where `observation` is seen: before the first step, and after each hard reset.
+    ///
+    /// # Errors
+    /// The observation is invalid, or the reset task failed. Then a hard reset is still needed.
+    pub fn hard_reset_done(&mut self, observation: &[f32]) -> Result<()> {
+        self.cycle.require_hard_reset(HardResetDue::Lost);
+        check_finite("the observation after a reset", observation, self.observation.len())?;
+        if let Some(task) = &mut self.task {
+            self.cycle.metrics().collect(|| task.observe_start(observation))?;
+        }
+        if self.cycle.is_placed() {
+            self.cycle.count_hard_reset(1.0, true);
+        }
+        self.cycle.placed();
+        self.figures.episode_is_over(self.cycle.counters(), None)
+    }
+
+    /// Decides on `action`, which afterwards holds what may be executed: the proposed action, a projected one, or the reset agent's. The
+    /// first observation of all is taken for a start.
+    ///
+    /// # Errors
+    /// A length is wrong, the shield is out of service, or the reset task failed: `action` holds the fallback action.
+    pub fn filter(&mut self, observation: &[f32], action: &mut [f32]) -> Result<Decision> {
+        let metrics = self.cycle.metrics().clone();
+        let decided = metrics.collect(|| self.decide(observation, action));
+        write_safe(self.cycle.action(), action);
+        let decision = decided?;
+        if self.cycle.is_broken() {
+            let reason = self.reason();
+            return Err(Error::failed(format!("the shield cannot decide any more: {reason}")));
+        }
+        Ok(decision)
+    }
+
+    fn decide(&mut self, observation: &[f32], action: &[f32]) -> Result<Decision> {
+        if !self.is_placed()
+            && !self.needs_hard_reset()
+            && check_finite("", observation, self.observation.len()).is_ok()
+            && let Err(error) = self.hard_reset_done(observation)
+        {
+            self.cycle.refuse(Cause::AwaitsHardReset);
+            return Err(error);
+        }
+        // A rule that is told of such a decision would rightly refuse for ever.
+        let lengths = check_length("the observation", observation, self.observation.len())
+            .and_then(|()| check_length("the action", action, self.spaces().action_len()));
+        if let Err(error) = lengths {
+            self.cycle.refuse(Cause::InvalidAction);
+            return Err(error);
+        }
+        self.observation.copy_from_slice(observation);
+        if self.cycle.turn() == AgentRole::Reset {
+            return Ok(self.cycle.act_to_reset_or_refuse(observation));
+        }
+        self.cycle.take_proposal(action);
+        if self.cycle.hard_reset_due().is_none() {
+            self.cycle.begin_episode();
+        }
+        let decision = self.cycle.decide(observation);
+        let is_intervention = self.cycle.hard_reset_due().is_none() && !self.cycle.is_broken();
+        if let Some(abort) = decision.abort().filter(|_| is_intervention) {
+            self.cycle.finish_aborted(abort.cause);
+            self.cycle.begin_episode();
+        }
+        Ok(decision)
+    }
+
+    /// What was in the buffer after [`filter`](Self::filter) was executed and led to `next_observation`: it is stored, and the reset agent
+    /// learns. `signal` says what "reset" means, where no task does. `terminated`: the environment cannot go on, a hard reset is needed.
+    ///
+    /// # Errors
+    /// Nothing was decided, a number is not finite or of the wrong length, the reset task or the learner failed, or the event file cannot be written.
+    /// A hard reset is needed then: what was executed is not in the experience.
+    pub fn observe(
+        &mut self,
+        next_observation: &[f32],
+        signal: Option<ResetSignal>,
+        terminated: bool,
+    ) -> Result<()> {
+        let outcome = self.signal(next_observation, signal).map(|signal| StepOutcome {
+            reset_reward: signal.reward,
+            in_reset_set: signal.in_reset_set,
+            terminated,
+            ..StepOutcome::default()
+        });
+        self.conclude(next_observation, outcome)
+    }
+
+    /// As [`observe`](Self::observe), for an environment of the interface, which says what "reset" means itself.
+    pub fn observe_outcome(&mut self, next_observation: &[f32], outcome: &StepOutcome) -> Result<()> {
+        self.conclude(next_observation, Ok(*outcome))
+    }
+
+    fn conclude(&mut self, next_observation: &[f32], outcome: Result<StepOutcome>) -> Result<()> {
+        let concluded = outcome.and_then(|outcome| self.take_note(next_observation, &outcome));
+        if concluded.is_err() {
+            self.cycle.require_hard_reset(HardResetDue::Lost);
+        }
+        concluded
+    }
+
+    fn take_note(&mut self, next_observation: &[f32], outcome: &StepOutcome) -> Result<()> {
+        let in_charge = self.phase();
+        let end = self.cycle.observe(next_observation, outcome)?;
+        self.figures.take(self.cycle.metrics());
+        self.figures.step(in_charge, outcome.reset_reward);
+        let Some(end) = end else { return Ok(()) };
+        let attempt = self.cycle.finish(end);
+        if in_charge == Phase::Reset {
+            if self.phase() == Phase::Reset && !self.needs_hard_reset() {
+                // Another attempt begins at once.
+                self.cycle.begin_episode();
+            }
+            self.figures.episode_is_over(self.cycle.counters(), Some(attempt.has_reset))?;
+        }
+        Ok(())
+    }
+
+    fn signal(&mut self, next_observation: &[f32], given: Option<ResetSignal>) -> Result<ResetSignal> {
+        check_finite("the observation after a step", next_observation, self.observation.len())?;
+        let signal = match (&mut self.task, given) {
+            (Some(task), None) => {
+                let (observation, action) = (&self.observation, self.cycle.action());
+                self.cycle.metrics().collect(|| task.evaluate(observation, action, next_observation))?
+            }
+            (None, Some(signal)) => signal,
+            (None, None) => {
+                return Err(Error::failed(
+                    "nothing says what \"reset\" means: name a `reset_task`, or give reward and reset set with each step",
+                ));
+            }
+            (Some(_), Some(_)) => {
+                return Err(Error::failed(
+                    "a reset task already says what \"reset\" means; with reward and reset set of yours, leave it out",
+                ));
+            }
+        };
+        check_finite("the reset reward", &[signal.reward], 1)?;
+        Ok(signal)
+    }
+
+    /// Hands over to the reset agent although nothing was aborted: the task is done, or its time is up. Returns whether it is in charge: not
+    /// if nothing was done since the last success, nor if a hard reset is needed.
+    pub fn begin_reset(&mut self) -> bool {
+        let is_in_charge = self.cycle.begin_reset();
+        if is_in_charge {
+            self.cycle.begin_episode();
+        }
+        is_in_charge
+    }
+
+    /// Nothing may move before a hard reset.
+    pub fn require_hard_reset(&mut self, cause: HardResetDue) {
+        self.cycle.require_hard_reset(cause);
+    }
+}
+
+/// What can be asked.
+impl DropIn {
+    /// Who is in charge of the next step.
+    pub fn phase(&self) -> Phase {
+        match self.cycle.turn() {
+            AgentRole::Forward => Phase::Forward,
+            AgentRole::Reset => Phase::Reset,
+        }
+    }
+
+    /// Whether [`hard_reset_done`](Self::hard_reset_done) must come next: the reset agent has given up, or the environment has ended.
+    pub fn needs_hard_reset(&self) -> bool {
+        self.hard_reset_due().is_some()
+    }
+
+    /// Why nothing may move before a hard reset, if that is so.
+    pub fn hard_reset_due(&self) -> Option<HardResetDue> {
+        self.cycle.hard_reset_due()
+    }
+
+    /// Whether a start was ever observed.
+    pub fn is_placed(&self) -> bool {
+        self.cycle.is_placed()
+    }
+
+    /// Steps of the present episode.
+    pub fn episode_length(&self) -> u64 {
+        self.cycle.episode_length()
+    }
+
+    /// The spaces of the environment.
+    pub fn spaces(&self) -> &Spaces {
+        self.ladder().spaces()
+    }
+
+    /// What a buffer holds where nothing better can be executed.
+    pub fn fallback_action(&self) -> &[f32] {
+        self.ladder().fallback_action()
+    }
+
+    /// Why the last action was rejected, for a person; empty if it was not.
+    pub fn reason(&self) -> &str {
+        self.ladder().reason()
+    }
+
+    /// What the rules were told of the last proposed action, and what they compared.
+    pub fn judgement(&self) -> &Judgement {
+        self.ladder().judgement()
+    }
+
+    fn ladder(&self) -> &Ladder {
+        self.cycle.ladder().expect("`new` refuses a cycle without a ladder")
+    }
+
+    /// Everything that was counted; what only an environment plugin knows stays 0.
+    pub fn counters(&self) -> &Counters {
+        self.cycle.counters()
+    }
+
+    /// Mean of the reset ensemble's values of the action that was proposed last; NaN if no rule needed them.
+    pub fn reset_value(&self) -> f32 {
+        let values = &self.judgement().values;
+        values.iter().sum::<f32>() / values.len() as f32
+    }
+
+    /// Counts and the learner's figures by name, in a stable order. A figure is the mean over the episode so far, or over the last one.
+    pub fn metrics(&self, take: &mut impl FnMut(&str, f64)) {
+        let counters = self.counters();
+        for (name, count) in [
+            ("steps", counters.steps),
+            ("forward_steps", counters.forward_steps),
+            ("forward_episodes", counters.forward_episodes),
+            ("reset_episodes", counters.reset_episodes),
+            ("reset_successes", self.cycle.reset_successes()),
+            ("early_aborts", counters.early_aborts),
+            ("failed_closed", counters.failed_closed),
+            ("projections", counters.projections),
+            ("warm_up_decisions", counters.warm_up_decisions),
+            ("exploration_replaced", counters.exploration_replaced),
+            ("hard_resets", counters.hard_resets),
+        ] {
+            take(name, count as f64);
+        }
+        take("hard_reset_cost", counters.hard_reset_cost);
+        self.figures.each(take);
+    }
+}

@@ -1,0 +1,491 @@
+//! The experience that both agents share.
+//!
+//! Every transition keeps both rewards and, per agent, a continuation flag and one bootstrap bit per ensemble member, so that
+//! either agent can learn from what the other did (§4). The memory is a ring of fixed size: nothing is allocated after
+//! the start.
+
+use std::ops::Range;
+
+use rand::{Rng, RngExt};
+use serde::{Deserialize, Serialize};
+use shield_api::{Batch, Error, Result, Spaces};
+
+/// One of the two agents.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub enum AgentRole {
+    /// Does the task.
+    Forward,
+    /// Undoes it.
+    Reset,
+}
+
+impl AgentRole {
+    fn index(self) -> usize {
+        match self {
+            Self::Forward => 0,
+            Self::Reset => 1,
+        }
+    }
+
+    /// Its name in files and logs.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Forward => "forward",
+            Self::Reset => "reset",
+        }
+    }
+}
+
+/// What one agent takes from a transition.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AgentShare {
+    /// Its reward.
+    pub reward: f32,
+    /// Whether the value of the next state counts. False only where the task ends for this agent; true at a time-out.
+    pub continues: bool,
+}
+
+/// One environment step, or one that was rejected, about to be stored.
+#[derive(Debug, Clone, Copy)]
+pub struct Transition<'a> {
+    /// The state before.
+    pub observation: &'a [f32],
+    /// The executed action; a rejected one only in what a single agent learns from.
+    pub action: &'a [f32],
+    /// The state after.
+    pub next_observation: &'a [f32],
+    /// The forward agent's share; `None` if it does not learn from it.
+    pub forward: Option<AgentShare>,
+    /// The reset agent's share; `None` if it does not learn from it.
+    pub reset: Option<AgentShare>,
+}
+
+/// Stands for the continuation flag where an agent has no share.
+const NO_SHARE: f32 = -1.0;
+
+/// Per agent: rewards, continuation flags and bootstrap masks.
+#[derive(Debug)]
+struct Shares {
+    rewards: Vec<f32>,
+    continuations: Vec<f32>,
+    /// `words` words of mask bits per transition; empty where every member learns from everything.
+    masks: Vec<u64>,
+    words: usize,
+    members: usize,
+    /// How many of the transitions the agent has a share in.
+    count: usize,
+}
+
+impl Shares {
+    fn new(capacity: usize, members: usize, is_masked: bool) -> Result<Self> {
+        let words = if is_masked { members.div_ceil(64) } else { 0 };
+        Ok(Self {
+            rewards: rows(capacity, 1)?,
+            continuations: rows(capacity, 1)?,
+            masks: rows(capacity, words)?,
+            words,
+            members,
+            count: 0,
+        })
+    }
+
+    fn put(&mut self, slot: usize, share: Option<AgentShare>) {
+        let is_over = self.continuations.get(slot).is_some_and(|flag| *flag != NO_SHARE);
+        self.count = self.count + usize::from(share.is_some()) - usize::from(is_over);
+        let (reward, flag) = match share {
+            Some(AgentShare { reward, continues }) => (reward, if continues { 1.0 } else { 0.0 }),
+            None => (0.0, NO_SHARE),
+        };
+        put(&mut self.rewards, slot, &[reward]);
+        put(&mut self.continuations, slot, &[flag]);
+    }
+}
+
+/// The replay memory of both agents.
+#[derive(Debug)]
+pub struct Experience {
+    capacity: usize,
+    observation_len: usize,
+    action_len: usize,
+    bootstrap_probability: f64,
+    /// Transitions ever stored; the next one goes to the slot of that number, modulo the capacity.
+    pushed: u64,
+    observations: Vec<f32>,
+    actions: Vec<f32>,
+    next_observations: Vec<f32>,
+    shares: [Shares; 2],
+    mask: Vec<u64>,
+}
+
+impl Experience {
+    /// An empty memory. `members` are the ensemble sizes of the forward and of the reset agent (0 where there is none).
+    ///
+    /// # Errors
+    /// The memory does not have that much room.
+    pub fn new(
+        capacity: usize,
+        spaces: &Spaces,
+        members: [usize; 2],
+        bootstrap_probability: f64,
+    ) -> Result<Self> {
+        let is_masked = bootstrap_probability < 1.0;
+        let (observation_len, action_len) = (spaces.observation_len(), spaces.action_len());
+        let [forward, reset] = members.map(|members| Shares::new(capacity, members, is_masked));
+        let shares = [forward?, reset?];
+        let words = shares.iter().map(|share| share.words).max().unwrap_or(0);
+        Ok(Self {
+            capacity,
+            observation_len,
+            action_len,
+            bootstrap_probability,
+            pushed: 0,
+            observations: rows(capacity, observation_len)?,
+            actions: rows(capacity, action_len)?,
+            next_observations: rows(capacity, observation_len)?,
+            shares,
+            mask: vec![0; words],
+        })
+    }
+
+    /// How many transitions there is room for.
+    pub fn capacity(&self) -> usize {
+        self.capacity
+    }
+
+    /// How many transitions are kept.
+    pub fn len(&self) -> usize {
+        self.shares[0].rewards.len()
+    }
+
+    /// How many of them one agent learns from.
+    pub fn len_for(&self, role: AgentRole) -> usize {
+        self.shares[role.index()].count
+    }
+
+    /// Whether nothing is kept.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// The numbers of the transitions that are kept, counted since the start of the run.
+    pub fn kept(&self) -> Range<u64> {
+        self.pushed - self.len() as u64..self.pushed
+    }
+
+    /// Bytes of one transition as [`write_rows`](Self::write_rows) writes it.
+    pub fn row_bytes(&self) -> usize {
+        let floats = 2 * self.observation_len + self.action_len + 2 * self.shares.len();
+        let words: usize = self.shares.iter().map(|share| share.words).sum();
+        floats * size_of::<f32>() + words * size_of::<u64>()
+    }
+
+    /// Appends kept transitions to `bytes`, [`row_bytes`](Self::row_bytes) each, little-endian.
+    pub fn write_rows(&self, numbers: Range<u64>, bytes: &mut Vec<u8>) {
+        for slot in numbers.map(|number| self.slot(number)) {
+            for (rows, length) in self.columns() {
+                bytes.extend(rows[slot * length..(slot + 1) * length].iter().flat_map(|x| x.to_le_bytes()));
+            }
+            for share in &self.shares {
+                let mask = &share.masks[slot * share.words..(slot + 1) * share.words];
+                bytes.extend(mask.iter().flat_map(|word| word.to_le_bytes()));
+            }
+        }
+    }
+
+    /// Becomes a memory that keeps the transitions `kept`; their contents follow through [`read_rows`](Self::read_rows).
+    pub fn expect_rows(&mut self, kept: Range<u64>) {
+        let length = (kept.end - kept.start) as usize;
+        let (observation_len, action_len) = (self.observation_len, self.action_len);
+        self.observations.resize(length * observation_len, 0.0);
+        self.actions.resize(length * action_len, 0.0);
+        self.next_observations.resize(length * observation_len, 0.0);
+        for share in &mut self.shares {
+            share.rewards.resize(length, 0.0);
+            share.continuations.resize(length, 0.0);
+            share.masks.resize(length * share.words, 0);
+            share.count = 0;
+        }
+        self.pushed = kept.end;
+    }
+
+    /// Puts transitions that [`write_rows`](Self::write_rows) wrote back into their slots, the first of them number `first`.
+    pub fn read_rows(&mut self, first: u64, bytes: &[u8]) {
+        for (number, mut row) in (first..).zip(bytes.chunks_exact(self.row_bytes())) {
+            let slot = self.slot(number);
+            for (rows, length) in self.columns_mut() {
+                for value in &mut rows[slot * length..(slot + 1) * length] {
+                    *value = f32::from_le_bytes(take(&mut row));
+                }
+            }
+            for share in &mut self.shares {
+                for word in &mut share.masks[slot * share.words..(slot + 1) * share.words] {
+                    *word = u64::from_le_bytes(take(&mut row));
+                }
+                share.count += usize::from(share.continuations[slot] != NO_SHARE);
+            }
+        }
+    }
+
+    /// Everything but the masks, with the length of a row.
+    fn columns(&self) -> [(&[f32], usize); 7] {
+        let [forward, reset] = &self.shares;
+        [
+            (&self.observations, self.observation_len),
+            (&self.actions, self.action_len),
+            (&self.next_observations, self.observation_len),
+            (&forward.rewards, 1),
+            (&forward.continuations, 1),
+            (&reset.rewards, 1),
+            (&reset.continuations, 1),
+        ]
+    }
+
+    fn columns_mut(&mut self) -> [(&mut [f32], usize); 7] {
+        let [forward, reset] = &mut self.shares;
+        [
+            (&mut self.observations, self.observation_len),
+            (&mut self.actions, self.action_len),
+            (&mut self.next_observations, self.observation_len),
+            (&mut forward.rewards, 1),
+            (&mut forward.continuations, 1),
+            (&mut reset.rewards, 1),
+            (&mut reset.continuations, 1),
+        ]
+    }
+
+    /// Stores a transition, over the oldest one if the memory is full, and draws its bootstrap masks from `rng`.
+    pub fn push(&mut self, transition: &Transition<'_>, rng: &mut impl Rng) {
+        let slot = self.slot(self.pushed);
+        put(&mut self.observations, slot, transition.observation);
+        put(&mut self.actions, slot, transition.action);
+        put(&mut self.next_observations, slot, transition.next_observation);
+        for (share, taken) in self.shares.iter_mut().zip([transition.forward, transition.reset]) {
+            share.put(slot, taken);
+            let mask = &mut self.mask[..share.words];
+            mask.fill(0);
+            for member in 0..if share.words > 0 { share.members } else { 0 } {
+                if rng.random_bool(self.bootstrap_probability) {
+                    mask[member / 64] |= 1 << (member % 64);
+                }
+            }
+            put(&mut share.masks, slot, mask);
+        }
+        self.pushed += 1;
+    }
+
+    fn slot(&self, number: u64) -> usize {
+        (number % self.capacity as u64) as usize
+    }
+
+    /// Lowers an agent's reward of the transition that was stored last, if it has a share in it.
+    pub fn charge_last(&mut self, role: AgentRole, cost: f32) {
+        if cost == 0.0 || self.is_empty() {
+            return;
+        }
+        let last = self.slot(self.pushed - 1);
+        let share = &mut self.shares[role.index()];
+        if share.continuations[last] != NO_SHARE {
+            share.rewards[last] -= cost;
+        }
+    }
+
+    /// Draws a batch for one agent, uniformly with replacement from what it has a share in, into `buffers`.
+    ///
+    /// # Panics
+    /// There is nothing that it has a share in.
+    pub fn sample<'b>(
+        &self,
+        role: AgentRole,
+        buffers: &'b mut BatchBuffers,
+        rng: &mut impl Rng,
+    ) -> Batch<'b> {
+        let share = &self.shares[role.index()];
+        assert!(share.count > 0, "there is nothing to learn from");
+        for row in 0..buffers.size {
+            let mut slot = rng.random_range(0..self.len());
+            while share.continuations[slot] == NO_SHARE {
+                slot = rng.random_range(0..self.len());
+            }
+            copy(&mut buffers.observations, row, &self.observations, slot, self.observation_len);
+            copy(&mut buffers.actions, row, &self.actions, slot, self.action_len);
+            copy(&mut buffers.next_observations, row, &self.next_observations, slot, self.observation_len);
+            buffers.rewards[row] = share.rewards[slot];
+            buffers.continuations[row] = share.continuations[slot];
+            if share.words > 0 {
+                let bits = &share.masks[slot * share.words..(slot + 1) * share.words];
+                for member in 0..share.members {
+                    let is_set = bits[member / 64] >> (member % 64) & 1 == 1;
+                    buffers.masks[row * share.members + member] = if is_set { 1.0 } else { 0.0 };
+                }
+            }
+        }
+        buffers.as_batch()
+    }
+}
+
+/// Room for `capacity` rows, reserved now so that a step never allocates. The system gives the memory when it is first written.
+fn rows<T>(capacity: usize, length: usize) -> Result<Vec<T>> {
+    let mut rows = Vec::new();
+    rows.try_reserve_exact(capacity.saturating_mul(length)).map_err(|_| {
+        Error::failed(format!("there is no memory for {capacity} transitions; choose a smaller capacity"))
+    })?;
+    Ok(rows)
+}
+
+/// Writes a row over an existing one, or appends it.
+fn put<T: Copy>(rows: &mut Vec<T>, slot: usize, row: &[T]) {
+    let start = slot * row.len();
+    if start < rows.len() {
+        rows[start..start + row.len()].copy_from_slice(row);
+    } else {
+        rows.extend_from_slice(row);
+    }
+}
+
+/// The first bytes of what is left of a row.
+fn take<const N: usize>(row: &mut &[u8]) -> [u8; N] {
+    let (value, rest) = row.split_first_chunk().expect("a row has its length");
+    *row = rest;
+    *value
+}
+
+fn copy(target: &mut [f32], row: usize, source: &[f32], slot: usize, length: usize) {
+    target[row * length..(row + 1) * length].copy_from_slice(&source[slot * length..(slot + 1) * length]);
+}
+
+/// Where a batch is gathered; reused for every update.
+#[derive(Debug)]
+pub struct BatchBuffers {
+    size: usize,
+    observations: Vec<f32>,
+    actions: Vec<f32>,
+    rewards: Vec<f32>,
+    next_observations: Vec<f32>,
+    continuations: Vec<f32>,
+    masks: Vec<f32>,
+}
+
+impl BatchBuffers {
+    /// Room for `size` transitions and the masks of `members`, which stay 1 where the experience draws none.
+    pub fn new(size: usize, spaces: &Spaces, members: usize) -> Self {
+        Self {
+            size,
+            observations: vec![0.0; size * spaces.observation_len()],
+            actions: vec![0.0; size * spaces.action_len()],
+            rewards: vec![0.0; size],
+            next_observations: vec![0.0; size * spaces.observation_len()],
+            continuations: vec![0.0; size],
+            masks: vec![1.0; size * members],
+        }
+    }
+
+    /// Transitions per batch.
+    pub fn size(&self) -> usize {
+        self.size
+    }
+
+    fn as_batch(&self) -> Batch<'_> {
+        Batch {
+            size: self.size,
+            observations: &self.observations,
+            actions: &self.actions,
+            rewards: &self.rewards,
+            next_observations: &self.next_observations,
+            continuations: &self.continuations,
+            masks: &self.masks,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+    use rand_pcg::Pcg64;
+    use shield_api::Space;
+
+    use super::*;
+
+    fn spaces() -> Spaces {
+        Spaces { observation: Space::unbounded(2), action: Space::uniform(1, -1.0, 1.0) }
+    }
+
+    fn push(experience: &mut Experience, value: f32, rng: &mut Pcg64) {
+        experience.push(
+            &Transition {
+                observation: &[value, -value],
+                action: &[value / 10.0],
+                next_observation: &[value + 1.0, 0.0],
+                forward: Some(AgentShare { reward: value, continues: true }),
+                reset: Some(AgentShare { reward: -value, continues: value != 3.0 }),
+            },
+            rng,
+        );
+    }
+
+    #[test]
+    fn each_agent_gets_its_own_reward_and_continuation() {
+        let mut rng = Pcg64::seed_from_u64(0);
+        let mut experience = Experience::new(10, &spaces(), [1, 1], 1.0).unwrap();
+        push(&mut experience, 3.0, &mut rng);
+        let mut buffers = BatchBuffers::new(4, &spaces(), 1);
+        let forward = experience.sample(AgentRole::Forward, &mut buffers, &mut rng);
+        assert_eq!((forward.rewards[0], forward.continuations[0]), (3.0, 1.0));
+        assert_eq!((forward.observations, forward.actions[3]), (&[3.0, -3.0].repeat(4)[..], 0.3));
+        let reset = experience.sample(AgentRole::Reset, &mut buffers, &mut rng);
+        assert_eq!((reset.rewards[2], reset.continuations[2], reset.masks[2]), (-3.0, 0.0, 1.0));
+    }
+
+    #[test]
+    fn a_memory_without_room_is_refused() {
+        for capacity in [usize::MAX, usize::MAX / 8] {
+            assert!(Experience::new(capacity, &spaces(), [1, 1], 1.0).is_err());
+        }
+    }
+
+    #[test]
+    fn a_full_memory_forgets_the_oldest() {
+        let mut rng = Pcg64::seed_from_u64(1);
+        let mut experience = Experience::new(3, &spaces(), [1, 1], 1.0).unwrap();
+        for value in 0..7 {
+            push(&mut experience, value as f32, &mut rng);
+        }
+        assert_eq!(experience.len(), 3);
+        let mut buffers = BatchBuffers::new(200, &spaces(), 1);
+        let batch = experience.sample(AgentRole::Forward, &mut buffers, &mut rng);
+        let mut kept: Vec<f32> = batch.rewards.to_vec();
+        kept.sort_by(f32::total_cmp);
+        kept.dedup();
+        assert_eq!(kept, [4.0, 5.0, 6.0]);
+    }
+
+    #[test]
+    fn a_memory_that_is_written_and_read_back_samples_the_same() {
+        let mut rng = Pcg64::seed_from_u64(3);
+        for count in [0, 2, 3, 7] {
+            let mut experience = Experience::new(3, &spaces(), [70, 1], 0.5).unwrap();
+            (0..count).for_each(|value| push(&mut experience, value as f32, &mut rng));
+            let mut bytes = Vec::new();
+            let kept = experience.kept();
+            experience.write_rows(kept.clone(), &mut bytes);
+            let mut read = Experience::new(3, &spaces(), [70, 1], 0.5).unwrap();
+            read.expect_rows(kept.clone());
+            read.read_rows(kept.start, &bytes);
+            push(&mut experience, 99.0, &mut rng.clone());
+            push(&mut read, 99.0, &mut rng.clone());
+            assert_eq!(format!("{experience:?}"), format!("{read:?}"), "after {count}");
+        }
+    }
+
+    #[test]
+    fn bootstrap_masks_are_drawn_per_member_and_stay_with_their_transition() {
+        let mut rng = Pcg64::seed_from_u64(2);
+        let members = 70;
+        let mut experience = Experience::new(1, &spaces(), [members, 1], 0.5).unwrap();
+        push(&mut experience, 1.0, &mut rng);
+        let mut buffers = BatchBuffers::new(2, &spaces(), members);
+        let first = experience.sample(AgentRole::Forward, &mut buffers, &mut rng).masks.to_vec();
+        assert_eq!(first[..members], first[members..]);
+        let ones = first[..members].iter().sum::<f32>();
+        assert!((15.0..55.0).contains(&ones), "{ones} of {members} masks are set at probability 0.5");
+    }
+}

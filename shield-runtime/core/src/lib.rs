@@ -1,0 +1,15 @@
+//! The shield itself: what decides, what undoes, and the cycle of both.
+//!
+//! It knows no file, no configuration text and no shared library: plugins can be linked in as Rust types.
+
+pub mod agent;
+pub mod cycle;
+pub mod decision;
+pub mod drop_in;
+pub mod experience;
+pub mod plugin_state;
+pub mod record;
+pub mod settings;
+pub mod shield;
+pub mod shielded;
+pub mod world;

@@ -1,0 +1,3 @@
+//! Plugins: finding, trusting, loading, calling and isolating shared libraries.
+
+pub mod plugin;

@@ -1,0 +1,33 @@
+//! What a run of the joint loop is made of.
+
+use crate::evaluation::Evaluator;
+use shield_core::{
+    cycle::{CycleParts, CycleSettings},
+    settings::RecordConfig,
+    world::World,
+};
+
+/// Settings of the loop, as the experiment gives them.
+#[derive(Debug, Clone)]
+pub struct LoopSettings {
+    /// Who acts, when the environment is reset, and what is learned. Episodes have the environment's length.
+    pub cycle: CycleSettings,
+    /// Environment steps of the run, both phases.
+    pub steps: u64,
+    /// Which decisions the observer hears of.
+    pub record: RecordConfig,
+    /// Steps between two evaluations.
+    pub evaluate_every: Option<u64>,
+    /// Steps between two checkpoints; `None` keeps none.
+    pub checkpoint_every: Option<u64>,
+}
+
+/// Who takes part in a loop.
+pub struct Participants {
+    /// Environment and reset task.
+    pub world: World,
+    /// Both agents, what decides, and what they learn from.
+    pub agents: CycleParts,
+    /// Evaluates in a second instance of the environment.
+    pub evaluator: Option<Evaluator>,
+}

@@ -1,0 +1,100 @@
+//! Keeping the state of a loop, and going on from it.
+
+use super::{JointLoop, Participants};
+use crate::{
+    evaluation::Evaluator,
+    loop_state::{LoopRandomness, LoopState},
+    observer::{Occasion, Snapshot},
+};
+use shield_core::cycle::Memory;
+
+/// Where a loop begins.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Start {
+    /// With the first placing, which is not counted.
+    New,
+    /// Within an episode.
+    Within,
+    /// With a counted hard reset: something was lost.
+    HardReset,
+    /// Nothing is left to be done.
+    Finished,
+}
+
+impl Participants {
+    /// Gives both agents and the rules what they had learned; the world stays as it is.
+    ///
+    /// # Errors
+    /// A plugin refuses its state.
+    pub fn restore_agents(&mut self, state: &LoopState) -> shield_api::Result<()> {
+        self.agents.restore(&state.learned)
+    }
+}
+
+impl JointLoop<'_> {
+    /// Goes on from `state`; the experience of the participants must be that of the same moment. Where a plugin could not save its
+    /// state, the loop goes on from a counted hard reset.
+    ///
+    /// # Errors
+    /// A plugin refuses its state.
+    pub fn restore(&mut self, state: &LoopState) -> shield_api::Result<()> {
+        self.cycle.parts_mut().restore(&state.learned)?;
+        self.world.restore(&state.world)?;
+        if let (Some(evaluator), Some(state)) = (&mut self.evaluator, &state.evaluator) {
+            evaluator.restore(state)?;
+        }
+        self.cycle.metrics().restore(&state.metrics);
+        let LoopRandomness { resets, masks } = state.randomness.clone();
+        self.resets = resets;
+        if let Some(memory) = &mut self.cycle.parts_mut().memory {
+            memory.masks = masks;
+        }
+        self.cycle.restore_counts(state.counters, 0);
+        self.last_evaluation = state.last_evaluation;
+        self.last_checkpoint = state.counters.steps;
+        self.cycle.restore(&state.cycle)?;
+        self.start = if state.is_finished {
+            Start::Finished
+        } else if state.unsaved().is_empty() {
+            Start::Within
+        } else {
+            Start::HardReset
+        };
+        Ok(())
+    }
+
+    /// Something was lost when the run was stopped: it goes on from a hard reset, which counts.
+    pub(super) fn lose_the_world(&mut self) -> anyhow::Result<()> {
+        // The world's state is not known, so neither is what kind of hard reset it needs.
+        self.cycle.count_hard_reset(1.0, false);
+        self.place()
+    }
+
+    /// After the last step and the last evaluation.
+    pub(super) fn keep_finished(&mut self) -> anyhow::Result<()> {
+        match self.settings.checkpoint_every {
+            Some(_) => self.keep(Occasion::Finished),
+            None => Ok(()),
+        }
+    }
+
+    pub(super) fn keep(&mut self, occasion: Occasion) -> anyhow::Result<()> {
+        self.last_checkpoint = self.counters().steps;
+        let learned = self.cycle.parts_mut().save()?;
+        let cycle = self.cycle.save();
+        let Some(Memory { experience, masks }) = &self.cycle.parts().memory else { return Ok(()) };
+        let randomness = LoopRandomness { resets: self.resets.clone(), masks: masks.clone() };
+        let state = LoopState {
+            counters: *self.cycle.counters(),
+            is_finished: occasion == Occasion::Finished,
+            cycle,
+            last_evaluation: self.last_evaluation,
+            randomness,
+            world: self.world.save()?,
+            learned,
+            evaluator: self.evaluator.as_mut().map(Evaluator::save).transpose()?,
+            metrics: self.cycle.metrics().save(),
+        };
+        self.observer.on_checkpoint(&Snapshot { occasion, state: &state, experience })
+    }
+}

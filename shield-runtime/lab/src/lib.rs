@@ -1,0 +1,9 @@
+//! Runs of experiments: the joint loop, evaluation, run folders, checkpoints and replay.
+
+pub mod batch;
+pub mod checkpoint;
+pub mod evaluation;
+pub mod joint_loop;
+pub mod loop_state;
+pub mod observer;
+pub mod run;

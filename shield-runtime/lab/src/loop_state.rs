@@ -1,0 +1,82 @@
+//! Everything that a joint loop remembers between two steps, but for the experience.
+
+use rand_pcg::Pcg64;
+use serde::{Deserialize, Serialize};
+use shield_api::metrics::Metric;
+
+use crate::evaluation::EvaluatorState;
+use shield_core::{
+    agent::AgentState,
+    cycle::{CycleState, LearnedState},
+    plugin_state::PluginState,
+    record::Counters,
+    world::{World, WorldState},
+};
+
+/// The random numbers of the loop itself.
+#[derive(Debug, Clone, Serialize, Deserialize)]
+pub struct LoopRandomness {
+    /// Seeds of hard resets.
+    pub resets: Pcg64,
+    /// Bootstrap masks.
+    pub masks: Pcg64,
+}
+
+/// The state of a joint loop between two steps: everything but the experience.
+#[derive(Serialize, Deserialize)]
+pub struct LoopState {
+    pub(crate) counters: Counters,
+    pub(crate) is_finished: bool,
+    pub(crate) cycle: CycleState,
+    pub(crate) last_evaluation: Option<u64>,
+    pub(crate) randomness: LoopRandomness,
+    pub(crate) world: WorldState,
+    pub(crate) learned: LearnedState,
+    pub(crate) evaluator: Option<EvaluatorState>,
+    pub(crate) metrics: Vec<Metric>,
+}
+
+impl LoopState {
+    /// What the run had counted.
+    pub fn counters(&self) -> &Counters {
+        &self.counters
+    }
+
+    /// Whether all steps had been made.
+    pub fn is_finished(&self) -> bool {
+        self.is_finished
+    }
+
+    /// Gives a world's reset task what it had learned of the starts.
+    ///
+    /// # Errors
+    /// The plugin refuses its state.
+    pub fn restore_reset_task(&self, world: &mut World) -> shield_api::Result<()> {
+        world.restore_reset_task(self.world.reset_task.as_ref())
+    }
+
+    /// The fields of the experiment whose plugins could not save their state. If there are any, the run goes on with new instances of
+    /// these, from a hard reset.
+    pub fn unsaved(&self) -> Vec<String> {
+        let agent =
+            |agent: &'_ Option<AgentState>| agent.as_ref().is_none_or(|agent| agent.plugin.is_saved());
+        let task = |task: &'_ Option<PluginState>| task.as_ref().is_none_or(PluginState::is_saved);
+        let evaluator = self.evaluator.as_ref();
+        let mut all = vec![
+            ("environment".to_owned(), self.world.environment.is_saved()),
+            ("forward".into(), agent(&self.learned.forward)),
+            ("reset".into(), agent(&self.learned.reset)),
+            (
+                "reset_task".into(),
+                task(&self.world.reset_task)
+                    && evaluator.is_none_or(|state| state.reset_tasks.iter().all(task)),
+            ),
+        ];
+        for (index, rule) in self.learned.rules.iter().enumerate() {
+            let in_evaluation = evaluator.and_then(|evaluator| evaluator.rules.get(index));
+            let is_saved = rule.is_saved() && in_evaluation.is_none_or(PluginState::is_saved);
+            all.push((format!("shield.rules[{index}]"), is_saved));
+        }
+        all.into_iter().filter(|(_, is_saved)| !is_saved).map(|(field, _)| field).collect()
+    }
+}

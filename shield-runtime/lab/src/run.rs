@@ -1,0 +1,22 @@
+//! A run on disk: its folder, its tables, its summary.
+
+mod build;
+mod calibration;
+mod counterfactual;
+mod decisions;
+mod folder;
+mod launch;
+mod recorder;
+mod replay;
+mod summary;
+mod tables;
+
+pub use build::{Prepared, prepare};
+pub use calibration::{CalibrationBin, calibration};
+pub use counterfactual::{Counterfactual, counterfactual};
+pub use decisions::{DecisionLog, DecisionRow, read_decisions};
+pub use folder::{RunFolder, write_in_folder};
+pub use launch::{Launch, Order, Restored, Standing, of_folder, restore};
+pub use recorder::{Recorder, RecorderState};
+pub use replay::{Replay, replay};
+pub use summary::{Identity, Summary};

@@ -1,0 +1,318 @@
+//! `decisions/part-NNNNNN.parquet`: every decision with every member's value, in columns.
+
+mod read;
+
+use read::read_part;
+pub use read::{DecisionRow, read_decisions};
+
+use std::{
+    fs::{self, File},
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+use anyhow::{Context, Result, ensure};
+use parquet::{
+    basic::{Compression, ConvertedType, Repetition, Type as PhysicalType},
+    data_type::{ByteArray, ByteArrayType, FloatType, Int64Type},
+    file::{
+        properties::{EnabledStatistics, WriterProperties, WriterPropertiesBuilder, WriterPropertiesPtr},
+        writer::SerializedFileWriter,
+    },
+    schema::types::{ColumnPath, Type, TypePtr},
+};
+
+use serde::{Deserialize, Serialize};
+
+use shield_core::record::DecisionRecord;
+
+/// Rows that wait in memory until they are written together.
+const ROWS: usize = 8_192;
+/// Extension of the part that is being written.
+const ASIDE: &str = "partial";
+
+/// How many figures of each kind a decision has.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+struct Widths {
+    observation: usize,
+    action: usize,
+    values: usize,
+    greedy_values: usize,
+    forward_values: usize,
+    scores: usize,
+}
+
+impl Widths {
+    fn of(numbers: [&[f32]; 8]) -> Self {
+        let [observation, action, _, _, values, greedy_values, forward_values, scores] =
+            numbers.map(<[f32]>::len);
+        Self { observation, action, values, greedy_values, forward_values, scores }
+    }
+
+    /// The columns of numbers in their order: a name, and how many there are of it.
+    fn columns(self) -> [(&'static str, usize); 8] {
+        [
+            ("observation", self.observation),
+            ("proposed", self.action),
+            ("previous", self.action),
+            ("executed", self.action),
+            ("value", self.values),
+            ("greedy_value", self.greedy_values),
+            ("forward_value", self.forward_values),
+            ("score", self.scores),
+        ]
+    }
+
+    fn total(self) -> usize {
+        self.columns().iter().map(|(_, count)| count).sum()
+    }
+}
+
+/// Columns of texts, in their order before the numbers.
+const TEXTS: [&str; 3] = ["phase", "verdict", "cause"];
+
+fn schema(widths: Widths) -> Result<TypePtr> {
+    let column = |name: &str, physical, converted| {
+        Type::primitive_type_builder(name, physical)
+            .with_repetition(Repetition::REQUIRED)
+            .with_converted_type(converted)
+            .build()
+            .map(Arc::new)
+    };
+    let mut fields = vec![column("step", PhysicalType::INT64, ConvertedType::NONE)?];
+    for name in TEXTS {
+        fields.push(column(name, PhysicalType::BYTE_ARRAY, ConvertedType::UTF8)?);
+    }
+    fields.push(column("state", PhysicalType::BYTE_ARRAY, ConvertedType::NONE)?);
+    for (name, count) in widths.columns() {
+        for index in 0..count {
+            fields.push(column(&format!("{name}_{index}"), PhysicalType::FLOAT, ConvertedType::NONE)?);
+        }
+    }
+    Ok(Arc::new(Type::group_type_builder("decisions").with_fields(fields).build()?))
+}
+
+/// Numbers seldom repeat: a dictionary of them, and their extremes, would take most of the time and be of no use.
+fn properties() -> WriterProperties {
+    let plain = WriterProperties::builder()
+        .set_compression(Compression::SNAPPY)
+        .set_max_row_group_row_count(Some(ROWS))
+        .set_statistics_enabled(EnabledStatistics::None)
+        .set_dictionary_enabled(false);
+    let with_texts = |properties, name| {
+        WriterPropertiesBuilder::set_column_dictionary_enabled(properties, ColumnPath::from(name), true)
+    };
+    TEXTS.into_iter().fold(plain, with_texts).build()
+}
+
+/// Texts of which there are few, each kept once.
+#[derive(Default)]
+struct Repeated(Vec<ByteArray>);
+
+impl Repeated {
+    fn of(&mut self, text: &str) -> ByteArray {
+        if let Some(known) = self.0.iter().find(|known| known.data() == text.as_bytes()) {
+            return known.clone();
+        }
+        self.0.push(ByteArray::from(text));
+        ByteArray::from(text)
+    }
+}
+
+/// Where a log stands at a checkpoint: the number of the present part, and how many decisions it has so far.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+pub struct DecisionState {
+    part: u32,
+    rows: u64,
+}
+
+/// Writes decisions, in one part after the other. A part that is not closed yet lies aside, so that readers see whole ones only.
+pub struct DecisionLog {
+    folder: PathBuf,
+    part: u32,
+    /// Decisions in the present part.
+    rows: u64,
+    properties: WriterPropertiesPtr,
+    widths: Option<Widths>,
+    writer: Option<SerializedFileWriter<File>>,
+    steps: Vec<i64>,
+    texts: [Vec<ByteArray>; TEXTS.len()],
+    repeated: Repeated,
+    states: Vec<ByteArray>,
+    /// Row by row.
+    numbers: Vec<f32>,
+    column: Vec<f32>,
+}
+
+impl DecisionLog {
+    /// Will write into `folder`, on from `state`; parts that came later are removed. Creates nothing before the first decision.
+    ///
+    /// # Errors
+    /// A later part cannot be removed, or the present one cannot be read.
+    pub fn resume(folder: PathBuf, state: DecisionState) -> Result<Self> {
+        let mut log = Self::new(folder, state.part);
+        for path in paths(&log.folder)? {
+            let is_later = path > path_of(&log.folder, state.part);
+            let is_aside = path.extension().is_some_and(|extension| extension == ASIDE);
+            let is_empty = state.rows == 0 && path == path_of(&log.folder, state.part);
+            if is_later || is_aside || is_empty {
+                fs::remove_file(&path).with_context(|| format!("{} cannot be removed", path.display()))?;
+            }
+        }
+        if state.rows > 0 {
+            // The part may have more: from a checkpoint that came later and is lost.
+            let path = path_of(&log.folder, state.part);
+            read_part(&path, &mut |row| log.push_row(&row).map(|()| log.rows < state.rows))?;
+            ensure!(log.rows == state.rows, "{} ends before the checkpoint", path.display());
+        }
+        Ok(log)
+    }
+
+    fn new(folder: PathBuf, first_part: u32) -> Self {
+        Self {
+            folder,
+            part: first_part,
+            rows: 0,
+            properties: Arc::new(properties()),
+            widths: None,
+            writer: None,
+            steps: Vec::new(),
+            texts: Default::default(),
+            repeated: Repeated::default(),
+            states: Vec::new(),
+            numbers: Vec::new(),
+            column: Vec::new(),
+        }
+    }
+
+    /// Keeps a decision; writes when enough have come together.
+    ///
+    /// # Errors
+    /// A file cannot be written.
+    pub fn push(&mut self, record: &DecisionRecord<'_>) -> Result<()> {
+        let cause = record.rejection.map_or(String::new(), |rejection| rejection.cause.to_string());
+        let judgement = record.judgement;
+        let numbers: [&[f32]; 8] = [
+            record.observation,
+            record.proposed,
+            record.previous.unwrap_or_default(),
+            record.executed.unwrap_or_default(),
+            &judgement.values,
+            &judgement.greedy_values,
+            &judgement.forward_values,
+            &judgement.scores,
+        ];
+        let texts = [record.role.name(), record.verdict(), &cause];
+        self.add(record.step, texts, record.state.unwrap_or_default(), numbers)
+    }
+
+    /// Keeps a decision that was written before.
+    fn push_row(&mut self, row: &DecisionRow) -> Result<()> {
+        let DecisionRow { observation, proposed, previous, executed, .. } = row;
+        let DecisionRow { values, greedy_values, forward_values, scores, .. } = row;
+        let numbers: [&[f32]; 8] =
+            [observation, proposed, previous, executed, values, greedy_values, forward_values, scores];
+        self.add(row.step, [&row.phase, &row.verdict, &row.cause], &row.state, numbers)
+    }
+
+    fn add(&mut self, step: u64, texts: [&str; 3], state: &[u8], numbers: [&[f32]; 8]) -> Result<()> {
+        let widths = *self.widths.get_or_insert_with(|| Widths::of(numbers));
+        self.steps.push(i64::try_from(step)?);
+        let repeated = &mut self.repeated;
+        self.texts.iter_mut().zip(texts).for_each(|(column, text)| column.push(repeated.of(text)));
+        self.states.push(ByteArray::from(state.to_vec()));
+        for (numbers, (_, width)) in numbers.iter().zip(widths.columns()) {
+            self.numbers.extend((0..width).map(|index| numbers.get(index).copied().unwrap_or(f32::NAN)));
+        }
+        self.rows += 1;
+        if self.steps.len() == ROWS { self.write_rows() } else { Ok(()) }
+    }
+
+    /// Closes the present part, so that it can be read; the next decision begins another.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn begin_part(&mut self) -> Result<DecisionState> {
+        if self.suspend()?.rows > 0 {
+            (self.part, self.rows) = (self.part + 1, 0);
+        }
+        Ok(DecisionState { part: self.part, rows: 0 })
+    }
+
+    /// Closes the present part for a run that stops; if it goes on, so does the part.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn suspend(&mut self) -> Result<DecisionState> {
+        self.write_rows()?;
+        if let Some(writer) = self.writer.take() {
+            let path = path_of(&self.folder, self.part);
+            let file = writer.into_inner().with_context(|| self.complaint())?;
+            file.sync_all()
+                .and_then(|()| fs::rename(path.with_extension(ASIDE), &path))
+                .with_context(|| self.complaint())?;
+        }
+        Ok(DecisionState { part: self.part, rows: self.rows })
+    }
+
+    fn complaint(&self) -> String {
+        format!("{} cannot be written", path_of(&self.folder, self.part).display())
+    }
+
+    fn write_rows(&mut self) -> Result<()> {
+        let Some(widths) = self.widths.filter(|_| !self.steps.is_empty()) else { return Ok(()) };
+        let complaint = self.complaint();
+        let mut writer = match self.writer.take() {
+            Some(writer) => writer,
+            None => self.open(widths).with_context(|| complaint.clone())?,
+        };
+        self.write_group(&mut writer, widths).with_context(|| complaint)?;
+        self.writer = Some(writer);
+        self.steps.clear();
+        self.texts.iter_mut().for_each(Vec::clear);
+        self.states.clear();
+        self.numbers.clear();
+        Ok(())
+    }
+
+    fn open(&self, widths: Widths) -> Result<SerializedFileWriter<File>> {
+        fs::create_dir_all(&self.folder)?;
+        let file = File::create(path_of(&self.folder, self.part).with_extension(ASIDE))?;
+        Ok(SerializedFileWriter::new(file, schema(widths)?, self.properties.clone())?)
+    }
+
+    fn write_group(&mut self, writer: &mut SerializedFileWriter<File>, widths: Widths) -> Result<()> {
+        let mut group = writer.next_row_group()?;
+        let mut index = 0;
+        while let Some(mut column) = group.next_column()? {
+            match index {
+                0 => column.typed::<Int64Type>().write_batch(&self.steps, None, None)?,
+                1..=3 => column.typed::<ByteArrayType>().write_batch(&self.texts[index - 1], None, None)?,
+                4 => column.typed::<ByteArrayType>().write_batch(&self.states, None, None)?,
+                _ => {
+                    let numbers = self.numbers.iter().skip(index - 5).step_by(widths.total());
+                    self.column.clear();
+                    self.column.extend(numbers);
+                    column.typed::<FloatType>().write_batch(&self.column, None, None)?
+                }
+            };
+            column.close()?;
+            index += 1;
+        }
+        group.close()?;
+        Ok(())
+    }
+}
+
+/// Everything in the folder, in order.
+fn paths(folder: &Path) -> Result<Vec<PathBuf>> {
+    let Ok(entries) = fs::read_dir(folder) else { return Ok(Vec::new()) };
+    let mut paths: Vec<PathBuf> =
+        entries.map(|entry| entry.map(|entry| entry.path())).collect::<Result<_, _>>()?;
+    paths.sort();
+    Ok(paths)
+}
+
+fn path_of(folder: &Path, part: u32) -> PathBuf {
+    folder.join(format!("part-{part:06}.parquet"))
+}
