@@ -40,7 +40,7 @@ pub fn shield() -> Command {
             "build",
             "--quiet",
             "--package",
-            "shield-runtime",
+            "shield-cli",
             "--bin",
             "shield",
         ]);

@@ -97,14 +97,62 @@ fn the_networks_the_interface_or_the_worker_processes_know_something_of_ours() {
     assert_own_dependencies(&metadata, package(&metadata, "shield-api"), &[]);
 }
 
+/// The crates of the runtime, from below, each with those on which it may build.
+const RUNTIME: [(&str, &[&str]); 7] = [
+    ("shield-core", &["shield-api"]),
+    ("shield-host", &["shield-api", "shield-worker"]),
+    ("shield-config", &["shield-api", "shield-core", "shield-host"]),
+    ("shield-lab", &["shield-api", "shield-core", "shield-host", "shield-config"]),
+    ("shield-report", &["shield-api", "shield-core", "shield-host", "shield-config", "shield-lab"]),
+    ("shield-check", &["shield-api", "shield-host"]),
+    (
+        "shield-runtime",
+        &[
+            "shield-api",
+            "shield-core",
+            "shield-host",
+            "shield-config",
+            "shield-lab",
+            "shield-report",
+            "shield-check",
+        ],
+    ),
+];
+
 #[test]
-fn the_host_knows_more_than_the_interface() {
+fn the_crates_of_the_runtime_build_on_those_below_them() {
     let metadata = metadata();
-    assert_own_dependencies(
-        &metadata,
-        package(&metadata, "shield-runtime"),
-        &["shield-api", "shield-worker"],
-    );
+    for (name, below) in RUNTIME {
+        assert_own_dependencies(&metadata, package(&metadata, name), below);
+    }
+    let inside = packages_in(&metadata, "shield-runtime");
+    for package in inside.iter().filter(|package| package.name != "shield-cli") {
+        assert!(RUNTIME.iter().any(|(known, _)| package.name == *known), "{} has no place", package.name);
+    }
+}
+
+/// The packages that a crate compiles, itself included, for itself and for what builds it.
+fn compiled(arguments: &[&str]) -> BTreeSet<String> {
+    let tree = Command::new(env!("CARGO"))
+        .current_dir(Path::new(env!("CARGO_MANIFEST_DIR")).join(".."))
+        .args(["tree", "--edges", "normal,build", "--prefix", "none", "--format", "{p}"])
+        .args(arguments)
+        .output()
+        .unwrap();
+    assert!(tree.status.success(), "{}", String::from_utf8_lossy(&tree.stderr));
+    let tree = String::from_utf8(tree.stdout).unwrap();
+    tree.lines().map(|line| line.trim_end_matches(" (*)").to_owned()).collect()
+}
+
+#[test]
+fn who_embeds_the_shield_compiles_few_packages() {
+    let core = compiled(&["--package", "shield-core", "--no-default-features"]);
+    assert!(core.len() <= 60 && core.len() > 10, "{}: {core:#?}", core.len());
+    let drop_in = ["--package", "shield-runtime", "--no-default-features", "--features", "clarabel"];
+    let drop_in = compiled(&drop_in);
+    assert!(drop_in.len() <= 110 && drop_in.len() > core.len(), "{}: {drop_in:#?}", drop_in.len());
+    let door = compiled(&["--package", "shield-c"]);
+    assert!(door.len() <= 110, "{}: {door:#?}", door.len());
 }
 
 #[test]
@@ -120,10 +168,13 @@ fn a_door_of_the_host_knows_a_plugin() {
 #[test]
 fn the_host_links_a_heavy_library() {
     let metadata = metadata();
-    let below = everything_below(&metadata, package(&metadata, "shield-runtime"));
+    let below = everything_below(&metadata, package(&metadata, "shield-cli"));
     assert!(below.contains("abi_stable_derive"), "the graph is not followed: {below:?}");
     let heavy: Vec<&str> = HEAVY.into_iter().filter(|name| below.contains(*name)).collect();
-    assert!(heavy.is_empty(), "shield-runtime reaches {heavy:?}");
+    assert!(heavy.is_empty(), "the program reaches {heavy:?}");
+    let core = &package(&metadata, "shield-core").dependencies;
+    let foreign = |name: &str| ["ron", "libloading", "object"].contains(&name);
+    assert!(!core.iter().any(|dependency| foreign(&dependency.name)), "the core knows texts or libraries");
     let robots = everything_below(&metadata, package(&metadata, "mujoco-robots"));
     assert!(robots.contains("mujoco-rs"), "MuJoCo is not seen where it is used");
 }

@@ -29,7 +29,7 @@ pub fn test(root: &Path) -> anyhow::Result<ExitCode> {
     for test in in_python {
         cargo::run(cargo::command(root).args(test).env("SHIELD_PEERS_PYTHON", &python))?;
     }
-    let build = ["build", "--release", "--package", "shield-runtime", "--package", "mujoco-robots"];
+    let build = ["build", "--release", "--package", "shield-cli", "--package", "mujoco-robots"];
     cargo::run(cargo::command(root).args(build))?;
     let status = Command::new(&python)
         .arg(folder.join("environments.py"))
@@ -49,7 +49,7 @@ pub fn bench(root: &Path) -> anyhow::Result<()> {
     // `shield` and what it loads, side by side, for the steps per second.
     cargo::run(
         cargo::command(root)
-            .args(["build", "--release", "--package", "shield-runtime", "--package", "ddpg"])
+            .args(["build", "--release", "--package", "shield-cli", "--package", "ddpg"])
             .args(["--package", "td3", "--package", "mujoco-robots"]),
     )?;
     let bench = ["bench", "--package", "shield-tests", "--bench", "peers"];
