@@ -1,0 +1,147 @@
+//! Proposing, deciding and acting.
+
+use shield_api::{ActMode, Error, ErrorKind, Result};
+
+use super::{CycleParts, ResetCycle};
+use crate::{
+    agent::ForwardAgent,
+    decision::{Cause, Decision},
+    shield::{Agents, Moment},
+};
+
+impl ResetCycle {
+    /// Notes the mean of the reset ensemble's values of its greedy action at the start of an attempt.
+    ///
+    /// # Errors
+    /// There is no reset agent, or it failed.
+    pub fn value_start(&mut self, observation: &[f32]) -> Result<()> {
+        let reset = self.parts.reset.as_mut().ok_or_else(no_reset_agent)?;
+        self.values.resize(reset.info().members, 0.0);
+        reset.learner().act(observation, ActMode::Greedy, &mut self.action)?;
+        reset.learner().q_values(observation, &self.action, &mut self.values)?;
+        let mean = self.values.iter().sum::<f32>() / self.values.len() as f32;
+        if let Some(episode) = &mut self.episode {
+            episode.reset_value = Some(mean);
+        }
+        Ok(())
+    }
+
+    /// The forward agent proposes an action. If it fails where a shield decides, [`decide`](Self::decide) aborts.
+    ///
+    /// # Errors
+    /// There is no forward agent, it panicked, or it failed where no shield could abort.
+    pub fn propose(&mut self, observation: &[f32]) -> Result<()> {
+        let CycleParts { forward, ladder, .. } = &mut self.parts;
+        let forward = forward.as_mut().ok_or_else(|| Error::failed("there is no forward agent"))?;
+        self.failure = forward.act(observation, ActMode::Explore, &mut self.action).err();
+        match &self.failure {
+            None => {}
+            // A panicked plugin never acts again; any other failure may pass, and must not be executed meanwhile.
+            Some(error) if ladder.is_none() || error.kind() == ErrorKind::Panicked => {
+                return Err(error.clone());
+            }
+            Some(_) => self.action.fill(f32::NAN),
+        }
+        self.proposed.copy_from_slice(&self.action);
+        Ok(())
+    }
+
+    /// The caller proposes an action, of the right length.
+    pub fn take_proposal(&mut self, action: &[f32]) {
+        self.failure = None;
+        self.proposed.copy_from_slice(action);
+        self.action.copy_from_slice(action);
+    }
+
+    /// Decides on the proposed action; [`action`](Self::action) is then what may be executed. An abort ends the forward episode, and the
+    /// reset agent's turn comes.
+    pub fn decide(&mut self, observation: &[f32]) -> Decision {
+        self.observation.copy_from_slice(observation);
+        self.is_pending = true;
+        let CycleParts { forward, reset, ladder, .. } = &mut self.parts;
+        let (Some(ladder), Some(reset)) = (ladder, reset) else { return Decision::Allow };
+        if self.hard_reset_due.is_some() {
+            return ladder.refuse(Cause::AwaitsHardReset, &mut self.action);
+        }
+        let moment = Moment {
+            step: self.counters.steps,
+            observation,
+            previous: self.has_previous.then_some(&self.previous),
+        };
+        let forward = forward.as_mut().and_then(ForwardAgent::learner);
+        let agents = Agents { reset: reset.learner(), forward };
+        let decision = match self.failure.take() {
+            Some(error) => ladder.forward_failed(agents, &moment, &error, &mut self.action),
+            None => ladder.filter(agents, &moment, &mut self.action),
+        };
+        self.is_pending = !ladder.is_broken();
+        self.count(decision);
+        decision
+    }
+
+    fn count(&mut self, decision: Decision) {
+        self.counters.warm_up_decisions += u64::from(decision == Decision::WarmUp);
+        self.counters.projections += u64::from(decision.projection().is_some());
+        // A shield that cannot decide any more has not aborted: it has ended.
+        let Some(abort) = decision.abort().filter(|_| !self.is_broken()) else { return };
+        self.counters.early_aborts += 1;
+        self.counters.failed_closed += u64::from(abort.cause.is_failure());
+    }
+
+    /// The reset agent acts; where its exploration is shielded, a rejected action gives way to its greedy one, and the decision says so.
+    ///
+    /// # Errors
+    /// There is no reset agent, or it gave no action of the action space.
+    pub fn act_to_reset(&mut self, observation: &[f32]) -> Result<Option<Decision>> {
+        self.observation.copy_from_slice(observation);
+        self.is_pending = true;
+        let CycleParts { forward, reset, ladder, .. } = &mut self.parts;
+        let reset = reset.as_mut().ok_or_else(no_reset_agent)?;
+        let mode = if self.settings.explores { ActMode::Explore } else { ActMode::Greedy };
+        reset.learner().act(observation, mode, &mut self.action)?;
+        let Some(ladder) = ladder else { return Ok(None) };
+        self.proposed.copy_from_slice(&self.action);
+        let moment = Moment {
+            step: self.counters.steps,
+            observation,
+            previous: self.has_previous.then_some(&self.previous),
+        };
+        if !(self.settings.explores && self.settings.shield_exploration) {
+            return ladder.check(&moment, &self.action).map(|()| None);
+        }
+        let forward = forward.as_mut().and_then(ForwardAgent::learner);
+        let decision = ladder.guard(Agents { reset: reset.learner(), forward }, &moment, &mut self.action);
+        self.counters.exploration_replaced += u64::from(decision.abort().is_some());
+        Ok(Some(decision))
+    }
+
+    /// As [`act_to_reset`](Self::act_to_reset), for a caller who executes whatever [`action`](Self::action) holds: a reset agent that fails has
+    /// given way to the fallback action.
+    pub fn act_to_reset_or_refuse(&mut self, observation: &[f32]) -> Decision {
+        let acted = self.act_to_reset(observation);
+        let Some(ladder) = &mut self.parts.ladder else { return Decision::Resetting };
+        match acted {
+            Ok(_) => {
+                ladder.forget_reason();
+                Decision::Resetting
+            }
+            Err(error) => {
+                self.counters.failed_closed += 1;
+                ladder.reset_failed(&error, &mut self.action)
+            }
+        }
+    }
+
+    /// Refuses an action without asking anybody; [`action`](Self::action) is then the fallback action.
+    pub fn refuse(&mut self, cause: Cause) -> Decision {
+        self.is_pending = false;
+        match &mut self.parts.ladder {
+            Some(ladder) => ladder.refuse(cause, &mut self.action),
+            None => Decision::Allow,
+        }
+    }
+}
+
+fn no_reset_agent() -> Error {
+    Error::failed("there is no reset agent")
+}

@@ -1,0 +1,119 @@
+//! What can be asked of a cycle.
+
+use shield_api::{Learner, metrics::Metrics};
+
+use super::{CycleParts, CycleSettings, HardResetDue, ResetCycle};
+use crate::{
+    agent::{Agent, ForwardAgent},
+    experience::{AgentRole, Experience},
+    record::Counters,
+    shield::Ladder,
+};
+
+/// The last decision, to be reported.
+#[derive(Clone, Copy)]
+pub struct Deliberation<'a> {
+    /// Everything that was counted.
+    pub counters: &'a Counters,
+    /// In which the action was decided.
+    pub observation: &'a [f32],
+    /// What was proposed; NaN where the forward agent failed.
+    pub proposed: &'a [f32],
+    /// The action that was executed before; `None` after a hard reset. Once a step is observed, it is that step's.
+    pub previous: Option<&'a [f32]>,
+    /// What may be executed.
+    pub action: &'a [f32],
+    /// What decided; `None` in all modes but `Shielded`.
+    pub ladder: Option<&'a Ladder>,
+}
+
+impl ResetCycle {
+    /// Whose episode it is, or the next one.
+    pub fn turn(&self) -> AgentRole {
+        self.turn
+    }
+
+    /// Why nothing may move before a hard reset, if that is so.
+    pub fn hard_reset_due(&self) -> Option<HardResetDue> {
+        self.hard_reset_due
+    }
+
+    /// Whether a start was ever observed.
+    pub fn is_placed(&self) -> bool {
+        self.is_placed
+    }
+
+    /// Steps of the present episode.
+    pub fn episode_length(&self) -> u64 {
+        self.episode.map_or(0, |episode| episode.length)
+    }
+
+    /// Everything that was counted.
+    pub fn counters(&self) -> &Counters {
+        &self.counters
+    }
+
+    /// Attempts that reached the reset set.
+    pub fn reset_successes(&self) -> u64 {
+        self.reset_successes
+    }
+
+    /// What may be executed.
+    pub fn action(&self) -> &[f32] {
+        &self.action
+    }
+
+    /// What decides; `None` in all modes but `Shielded`.
+    pub fn ladder(&self) -> Option<&Ladder> {
+        self.parts.ladder.as_ref()
+    }
+
+    /// Whether a plugin that the shield needs is out of service: from now on everything is aborted.
+    pub fn is_broken(&self) -> bool {
+        self.parts.ladder.as_ref().is_some_and(Ladder::is_broken)
+    }
+
+    /// What the plugins have reported, each name of an agent's preceded by its role, such as `reset/critic_loss`.
+    pub fn metrics(&self) -> &Metrics {
+        &self.metrics
+    }
+
+    /// What the agents learn from.
+    pub fn experience(&self) -> Option<&Experience> {
+        self.parts.memory.as_ref().map(|memory| &memory.experience)
+    }
+
+    /// The last decision, beside the agent that values actions.
+    pub fn last(&mut self) -> (Deliberation<'_>, Option<&mut dyn Learner>) {
+        let CycleParts { reset, ladder, .. } = &mut self.parts;
+        let deliberation = Deliberation {
+            counters: &self.counters,
+            observation: &self.observation,
+            proposed: &self.proposed,
+            previous: self.has_previous.then_some(&self.previous),
+            action: &self.action,
+            ladder: ladder.as_ref(),
+        };
+        (deliberation, reset.as_mut().map(Agent::learner))
+    }
+
+    /// Both agents.
+    pub fn agents(&mut self) -> (Option<&mut ForwardAgent>, Option<&mut dyn Learner>) {
+        (self.parts.forward.as_mut(), self.parts.reset.as_mut().map(Agent::learner))
+    }
+
+    /// Who takes part.
+    pub fn parts(&self) -> &CycleParts {
+        &self.parts
+    }
+
+    /// The same, when the cycle has come to its end.
+    pub fn into_parts(self) -> CycleParts {
+        self.parts
+    }
+
+    /// What it does.
+    pub fn settings(&self) -> &CycleSettings {
+        &self.settings
+    }
+}
