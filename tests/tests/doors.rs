@@ -111,6 +111,27 @@ fn a_careless_program_in_c_crashes_or_executes_what_nobody_allowed() {
     succeed(without_plugins_elsewhere(careless.arg(config).current_dir(folder.path())));
 }
 
+const AT_MOST_HALF: &str = r#"
+DropIn(
+    spaces: (observation: Unbounded(1), action: Box(low: [-1.0], high: [1.0])),
+    reset: (plugin: "ddpg", config: (critics: 1, actor_hidden: [8], critic_hidden: [8])),
+    shield: (rules: [(plugin: "linear-constraints", config: (constraints: [(a: [1.0], b: 0.5)]))], warm_up_steps: 0),
+    experience: (capacity: 100, updates_per_step: 0),
+    episode_length: 20,
+)
+"#;
+
+#[test]
+fn an_adversary_in_c_executes_nothing_that_the_rule_rejects() {
+    let folder = tempfile::tempdir().unwrap();
+    let (config, program) = (folder.path().join("half.ron"), folder.path().join("adversary"));
+    fs::write(&config, AT_MOST_HALF).unwrap();
+    compile(&workspace().join("tests/fixtures/adversary.c"), &program);
+    let said = succeed(without_plugins_elsewhere(Command::new(&program).arg(config)));
+    let [allowed, aborted, hard_resets] = numbers(&said)[..] else { panic!("{said}") };
+    assert!(allowed > 10_000 && aborted > 10_000 && hard_resets > 1_000, "{said}");
+}
+
 #[test]
 fn the_example_in_rust_falls_for_ever() {
     let mut cargo = Command::new(env::var_os("CARGO").unwrap_or_else(|| "cargo".into()));
