@@ -54,7 +54,6 @@ def test_an_adversary_executes_nothing_that_the_rule_rejects():
         in_reset_set=near_start,
         overrides=BELOW_HALF,
         updates_per_step=0,
-        warm_up_steps=0,
     )
     inside.in_attempt = lambda: env.shield.resetting
     is_over, aborted, interrupted, refused, seed = True, 0, 0, 0, 0
