@@ -103,6 +103,7 @@ impl Environment for Line {
 
 type Act = Box<dyn FnMut(f32, ActMode) -> f32 + Send>;
 type Value = Box<dyn FnMut(f32, f32) -> Vec<f32> + Send>;
+type Update = Box<dyn FnMut() -> Result<()> + Send>;
 
 /// What an update saw: reward, continuation and mask of each row.
 pub type Seen = Arc<Mutex<Vec<(f32, f32, f32)>>>;
@@ -111,12 +112,19 @@ pub struct Scripted {
     pub members: usize,
     pub act: Act,
     pub value: Value,
+    pub update: Update,
     pub seen: Seen,
 }
 
 impl Scripted {
     pub fn acting(act: impl FnMut(f32, ActMode) -> f32 + Send + 'static) -> Self {
-        Self { members: 1, act: Box::new(act), value: Box::new(|_, _| vec![1.0]), seen: Seen::default() }
+        Self {
+            members: 1,
+            act: Box::new(act),
+            value: Box::new(|_, _| vec![1.0]),
+            update: Box::new(|| Ok(())),
+            seen: Seen::default(),
+        }
     }
 
     pub fn valuing(
@@ -126,6 +134,11 @@ impl Scripted {
     ) -> Self {
         self.members = members;
         self.value = Box::new(value);
+        self
+    }
+
+    pub fn updating(mut self, update: impl FnMut() -> Result<()> + Send + 'static) -> Self {
+        self.update = Box::new(update);
         self
     }
 }
@@ -157,7 +170,7 @@ impl Learner for Scripted {
             let mask = batch.masks[row * members..(row + 1) * members].iter().sum();
             self.seen.lock().unwrap().push((batch.rewards[row], batch.continuations[row], mask));
         }
-        Ok(())
+        (self.update)()
     }
 }
 
