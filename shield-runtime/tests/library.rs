@@ -33,7 +33,7 @@ fn builder(agent: Scripted) -> ShieldBuilder {
 }
 
 #[test]
-fn a_program_that_obeys_the_buffer_falls_or_is_not_taken_back() {
+fn a_program_that_executes_the_buffer_never_falls_and_is_brought_back() {
     let mut shield = builder(homing()).build().unwrap();
     let (mut cell, mut seen) = (0.0_f32, Vec::new());
     for _ in 0..14 {
@@ -53,7 +53,7 @@ fn a_program_that_obeys_the_buffer_falls_or_is_not_taken_back() {
 }
 
 #[test]
-fn nothing_tells_that_the_reset_agent_has_given_up_or_it_goes_on_all_the_same() {
+fn the_last_failed_attempt_requires_a_hard_reset_before_any_action() {
     // It walks the wrong way.
     let lost = || Scripted::acting(|_, _| 0.5);
     for (limit, episodes) in [(Some(1), 1), (Some(3), 3)] {
@@ -86,7 +86,7 @@ fn nothing_tells_that_the_reset_agent_has_given_up_or_it_goes_on_all_the_same() 
 }
 
 #[test]
-fn a_reset_agent_without_an_action_moves_the_robot() {
+fn a_failing_reset_agent_gives_way_to_the_fallback_action() {
     for bad in [f32::NAN, f32::NEG_INFINITY, 1.5] {
         let mut shield =
             builder(Scripted::acting(move |_, _| bad)).fallback_action(vec![-0.25]).build().unwrap();
@@ -101,7 +101,7 @@ fn a_reset_agent_without_an_action_moves_the_robot() {
 }
 
 #[test]
-fn a_shield_that_cannot_be_is_built() {
+fn an_invalid_shield_is_refused() {
     assert!(Shield::builder(spaces(), Box::new(homing())).build().is_err(), "without a rule");
     assert!(builder(homing()).reset_attempts(Some(0)).build().is_err());
     assert!(builder(homing()).episode_length(0).build().is_err());
@@ -109,7 +109,7 @@ fn a_shield_that_cannot_be_is_built() {
 }
 
 #[test]
-fn an_agent_in_a_shielded_environment_falls_or_costs_a_hard_reset() {
+fn an_agent_in_a_shielded_environment_never_falls_and_needs_no_hard_reset() {
     let line = Line::new();
     let (log, resets) = (line.log.clone(), line.resets.clone());
     let agent = homing();
@@ -140,7 +140,7 @@ fn an_agent_in_a_shielded_environment_falls_or_costs_a_hard_reset() {
 }
 
 #[test]
-fn a_shielded_environment_is_not_reset_when_the_reset_agent_has_given_up() {
+fn a_shielded_environment_is_hard_reset_after_a_failed_attempt_or_its_end() {
     let line = Line::new();
     let resets = line.resets.clone();
     let shield = builder(Scripted::acting(|_, _| 1.0)).build().unwrap();

@@ -218,7 +218,7 @@ fn compare(
 }
 
 #[test]
-fn a_solution_of_twelve_dimensions_and_forty_rows_breaks_a_row_or_is_not_the_nearest() {
+fn solutions_keep_every_row_and_are_the_nearest() {
     compare_many(PROGRAMS);
 }
 
@@ -299,7 +299,7 @@ impl Learner for Idle {
 }
 
 #[test]
-fn a_projected_action_is_one_that_the_rules_reject() {
+fn projected_actions_are_allowed_by_the_rules() {
     filter_many(PROGRAMS / 4);
 }
 
@@ -342,7 +342,7 @@ fn filter_many(decisions: u64) {
 }
 
 #[test]
-fn a_solution_in_the_plane_is_not_that_of_brute_force() {
+fn solutions_in_the_plane_match_brute_force() {
     let mut random = Pcg64::seed_from_u64(2);
     let mut solver = Staged::new(InteriorPoint::default());
     let mut tally = Tally::default();
@@ -355,7 +355,7 @@ fn a_solution_in_the_plane_is_not_that_of_brute_force() {
 }
 
 #[test]
-fn the_closed_form_of_one_row_is_not_the_interior_points_solution() {
+fn the_closed_form_of_one_row_matches_the_interior_point() {
     let mut random = Pcg64::seed_from_u64(3);
     let (mut closed, mut interior) = (OneRow::default(), InteriorPoint::default());
     let (mut solved, mut infeasible) = (0, 0);
@@ -390,7 +390,7 @@ fn the_closed_form_of_one_row_is_not_the_interior_points_solution() {
 }
 
 #[test]
-fn a_kept_workspace_changes_a_solution_or_a_change_of_shape_is_not_seen() {
+fn a_kept_workspace_gives_the_solutions_of_a_fresh_one() {
     let mut random = Pcg64::seed_from_u64(4);
     let mut kept = InteriorPoint::default();
     for case in 0..500 {
@@ -414,7 +414,7 @@ fn a_kept_workspace_changes_a_solution_or_a_change_of_shape_is_not_seen() {
 }
 
 #[test]
-fn what_was_solved_before_changes_no_bit_of_a_solution() {
+fn earlier_programs_change_no_bit_of_a_solution() {
     let mut random = Pcg64::seed_from_u64(11);
     let mut kept = InteriorPoint::default();
     for index in 0..PROGRAMS / 20 {

@@ -149,7 +149,7 @@ mod tests {
     }
 
     #[test]
-    fn figures_are_averaged_and_then_forgotten() {
+    fn metrics_are_averaged_and_then_cleared() {
         let host = host();
         host.metric("loss", 1.0);
         host.metric("loss", 3.0);
@@ -159,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn the_same_figure_of_two_instances_stays_apart() {
+    fn the_same_metric_of_two_instances_stays_separate() {
         let host = host();
         in_metric_scope("forward", || host.metric("loss", 1.0));
         in_metric_scope("reset", || host.metric("loss", 2.0));
@@ -169,13 +169,13 @@ mod tests {
     }
 
     #[test]
-    fn figures_of_instances_apart_from_the_run_are_mixed_with_its_own() {
+    fn metrics_of_instances_outside_the_run_are_dropped() {
         host_without_metrics().metric("loss", 1.0);
         assert_eq!(drained(), []);
     }
 
     #[test]
-    fn a_plugin_that_makes_up_names_for_ever_is_stopped() {
+    fn the_number_of_metrics_is_bounded() {
         let host = host();
         (0..2 * MOST_METRICS).for_each(|index| host.metric(&index.to_string(), 0.0));
         assert_eq!(drained().len(), MOST_METRICS);
