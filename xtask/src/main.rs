@@ -235,7 +235,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_command_line_contradicts_itself() {
+    fn the_command_line_is_consistent() {
         <CommandLine as clap::CommandFactory>::command().debug_assert();
     }
 
@@ -253,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn a_flag_behind_shield_is_taken_for_ours() {
+    fn flags_behind_shield_belong_to_shield() {
         let given = ["run", "x.ron", "--help", "--set", "a=1", "--", "-V"];
         for skip in [0, 2] {
             let line = ["xtask", "shield"].iter().chain(&given[skip..]);
