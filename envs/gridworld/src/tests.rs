@@ -145,18 +145,3 @@ fn foreign_bytes_are_refused_and_change_nothing() {
         assert_eq!(world.cell, 1);
     }
 }
-
-/// Not a pass or fail of speed: prints what the README quotes. `cargo test --release -p gridworld -- --ignored --nocapture`.
-#[test]
-#[ignore = "measures the speed, for the README"]
-fn steps_per_second() {
-    let mut world = gridworld(r#"(map: "frozen-lake-8x8")"#);
-    let mut observation = observe(&world);
-    world.reset(0, &mut observation).unwrap();
-    let count = 20_000_000u32;
-    let begun = std::time::Instant::now();
-    for index in 0..count {
-        world.step(&[(index % 4) as f32], &mut observation).unwrap();
-    }
-    println!("{:.1} million steps/s", f64::from(count) / begun.elapsed().as_secs_f64() / 1e6);
-}

@@ -292,23 +292,6 @@ fn impossible_configurations_are_refused<T: Task>() {
     }
 }
 
-/// Not a pass or fail of speed: prints what the README quotes.
-/// `cargo test --release -p mujoco-robots -- --ignored --nocapture --test-threads 1`
-fn steps_per_second<T: Task>() {
-    let mut bench = Bench::<T>::new();
-    let horizon = bench.robot.spec().episode_length;
-    let actions = bench.actions.clone();
-    let (count, begun) = (40_000, std::time::Instant::now());
-    for step in 0..count {
-        if step % horizon == 0 {
-            bench.robot.reset(step as u64, &mut bench.observation).unwrap();
-        }
-        bench.step(&actions[step % actions.len()]).unwrap();
-    }
-    let rate = count as f64 / begun.elapsed().as_secs_f64();
-    println!("{}: {rate:.0} steps/s", std::any::type_name::<T>());
-}
-
 macro_rules! suite {
     ($($robot:ident: $task:ty, observation $observation:literal, action $action:literal in $bound:literal, horizon $horizon:literal
         $(, $paper:ident)?;)+) => {$(
@@ -316,12 +299,6 @@ macro_rules! suite {
             #[test]
             fn spaces_and_horizon_are_the_declared_ones() {
                 super::spaces_and_horizon_are::<$task>($observation, $action, $bound, $horizon);
-            }
-
-            #[test]
-            #[ignore = "measures the speed, for the README"]
-            fn steps_per_second() {
-                super::steps_per_second::<$task>();
             }
 
             suite!(@tests $task;

@@ -223,19 +223,3 @@ fn an_action_that_is_not_an_index_is_refused() {
     let error = learner.q_gradients(&[0.0; 3], &[1.0], &mut [0.0; 3], &mut gradients).unwrap_err();
     assert_eq!(error.kind(), ErrorKind::Unsupported);
 }
-
-#[test]
-#[ignore = "a measurement: run with --release --nocapture --test-threads 1"]
-fn how_long_it_takes() {
-    let batch = Transitions::random::<Ddqn>(5, 1);
-    let setup = Setup::with_spaces(0, 1, Host::silent(), <Ddqn as conformance::Subject>::spaces());
-    let mut learner = Ddqn::create(DdqnConfig::default(), &setup).unwrap();
-    let time = |name: &str, repeats: u32, work: &mut dyn FnMut()| {
-        let start = std::time::Instant::now();
-        (0..repeats).for_each(|_| work());
-        println!("{name}: {:?}", start.elapsed() / repeats);
-    };
-    time("update, batch 8", 2_000, &mut || learner.update(&batch.batch()).unwrap());
-    time("q_values", 20_000, &mut || drop(values(&mut learner)));
-    time("greedy act", 20_000, &mut || drop(act(&mut learner, ActMode::Greedy)));
-}

@@ -6,8 +6,6 @@ use shield_api::{
 
 use crate::{TabularQ, TabularQConfig};
 
-mod timing;
-
 const STATES: usize = 4;
 const ACTIONS: usize = 3;
 
