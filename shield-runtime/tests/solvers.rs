@@ -1,4 +1,6 @@
 //! The projection's solvers against independent ones, on many random programs: ill-conditioned, degenerate and infeasible ones too.
+//!
+//! `cargo xtask test --long` tries a million of them.
 #![allow(clippy::unwrap_used, reason = "a test")]
 
 use ndarray::{Array1, Array2};
@@ -19,6 +21,11 @@ use shield_runtime::{
 
 /// Programs per property test.
 const PROGRAMS: u64 = 20_000;
+
+/// So many programs, or as many as `cargo xtask test --long` asks for.
+fn programs(usual: u64) -> u64 {
+    std::env::var("SHIELD_TEST_PROGRAMS").map_or(usual, |number| number.parse().unwrap())
+}
 
 /// A program that owns its figures.
 #[derive(Debug, Clone, Default)]
@@ -219,16 +226,7 @@ fn compare(
 
 #[test]
 fn solutions_keep_every_row_and_are_the_nearest() {
-    compare_many(PROGRAMS);
-}
-
-#[test]
-#[ignore = "takes minutes"]
-fn one_of_a_million_solutions_breaks_a_row_or_is_not_the_nearest() {
-    compare_many(1_000_000);
-}
-
-fn compare_many(programs: u64) {
+    let programs = programs(PROGRAMS);
     let mut random = Pcg64::seed_from_u64(1);
     let mut solver = Staged::new(InteriorPoint::default());
     let mut tally = Tally::default();
@@ -298,19 +296,10 @@ impl Learner for Idle {
     }
 }
 
+/// Whole decisions: what is executed keeps every row, and the action space, whatever the solver makes of the program.
 #[test]
 fn projected_actions_are_allowed_by_the_rules() {
-    filter_many(PROGRAMS / 4);
-}
-
-#[test]
-#[ignore = "takes minutes"]
-fn one_of_a_million_projected_actions_is_one_that_the_rules_reject() {
-    filter_many(1_000_000);
-}
-
-/// Whole decisions: what is executed keeps every row, and the action space, whatever the solver makes of the program.
-fn filter_many(decisions: u64) {
+    let decisions = programs(PROGRAMS / 4);
     let mut random = Pcg64::seed_from_u64(5);
     let (mut projected, mut aborted) = (0, 0);
     for case in 0..decisions {

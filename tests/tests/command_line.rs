@@ -418,8 +418,8 @@ fn every_example_starts() {
     start_examples(false, &["--set", "evaluation.episodes=1"]);
 }
 
+#[cfg(feature = "python-tests")]
 #[test]
-#[ignore = "needs Gymnasium: `cargo xtask test --peers`"]
 fn every_example_in_python_starts() {
     let python =
         std::env::var("SHIELD_PEERS_PYTHON").expect("`cargo xtask test --peers` names the interpreter");

@@ -1,6 +1,6 @@
 //! `kill -9` at random moments: a run that was killed and continued is the run that never was, byte for byte, and nothing is lost.
 //!
-//! `SHIELD_TEST_KILLS=200 cargo test -p shield-tests --release --test kill` is the long form.
+//! `cargo xtask test --long` kills 200 times.
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "tests")]
 

@@ -1,6 +1,6 @@
-use std::{env, fs, os::unix::fs::PermissionsExt, path::PathBuf};
+use std::{fs, os::unix::fs::PermissionsExt};
 
-use shield_api::{ErrorKind, Host, PluginConfig};
+use shield_api::{Host, PluginConfig};
 
 use super::*;
 
@@ -69,8 +69,13 @@ fn a_program_that_is_not_python_is_refused_with_its_output_or_a_timeout() {
     assert!(message.contains("within 0.3 s") && message.contains("raise `start_timeout_s`"), "{message}");
 }
 
-/// A Python with Gymnasium: what `cargo xtask test --peers` names. Without it, these tests are left out.
+/// These tests need a Python with Gymnasium: `cargo xtask test --peers` names it.
+#[cfg(feature = "python-tests")]
 mod with_gymnasium {
+    use std::{env, path::PathBuf};
+
+    use shield_api::ErrorKind;
+
     use super::*;
 
     fn python() -> String {
@@ -105,7 +110,6 @@ mod with_gymnasium {
     }
 
     #[test]
-    #[ignore = "needs Gymnasium: `cargo xtask test --peers`"]
     fn gymnasium_tasks_keep_their_spaces_and_repeat_by_seed() {
         for (id, observed, action, length) in [
             ("Pendulum-v1", 3, Space::uniform(1, -2.0, 2.0), 200),
@@ -137,7 +141,6 @@ mod with_gymnasium {
     }
 
     #[test]
-    #[ignore = "needs Gymnasium: `cargo xtask test --peers`"]
     fn a_time_limit_does_not_terminate_the_environment() {
         let mut world = world("", "").unwrap();
         assert_eq!(world.spec().episode_length, 3);
@@ -151,7 +154,6 @@ mod with_gymnasium {
     }
 
     #[test]
-    #[ignore = "needs Gymnasium: `cargo xtask test --peers`"]
     fn the_seed_reaches_the_environment() {
         let mut world = world("", "").unwrap();
         let mut draw = |seed| {
@@ -165,7 +167,6 @@ mod with_gymnasium {
     }
 
     #[test]
-    #[ignore = "needs Gymnasium: `cargo xtask test --peers`"]
     fn a_space_of_several_parts_is_flattened() {
         let mut world =
             world("\"observation\": \"mixed\", \"action\": \"from 3\"", "episode_length: Some(9)").unwrap();
@@ -183,7 +184,6 @@ mod with_gymnasium {
     }
 
     #[test]
-    #[ignore = "needs Gymnasium: `cargo xtask test --peers`"]
     fn an_unsupported_space_or_argument_is_refused_with_the_reason() {
         for (kwargs, expected) in [
             ("\"action\": \"unbounded\"", "infinite bounds"),
@@ -197,7 +197,6 @@ mod with_gymnasium {
     }
 
     #[test]
-    #[ignore = "needs Gymnasium: `cargo xtask test --peers`"]
     fn an_unknown_id_or_module_is_refused_by_name() {
         let python = python();
         let message = refused(&format!("(id: \"Pendulumm-v1\", python: {python:?})"));
@@ -211,7 +210,6 @@ mod with_gymnasium {
     }
 
     #[test]
-    #[ignore = "needs Gymnasium: `cargo xtask test --peers`"]
     fn a_failing_environment_is_reported_with_the_cause() {
         for (fault, expected) in [
             ("dies", "exit code 3"),
@@ -228,7 +226,6 @@ mod with_gymnasium {
     }
 
     #[test]
-    #[ignore = "needs Gymnasium: `cargo xtask test --peers`"]
     fn a_frame_shows_what_the_environment_renders() {
         let mut world = world("", "").unwrap();
         assert_eq!(world.frame_size(), [320, 240], "before the first reset");
@@ -250,7 +247,6 @@ mod with_gymnasium {
     }
 
     #[test]
-    #[ignore = "needs Gymnasium: `cargo xtask test --peers`"]
     fn an_environment_that_cannot_be_rendered_is_reported_with_the_reason() {
         for (kwargs, expected) in [
             ("\"fault\": \"grey\"", "shape (2, 4) is not height"),
@@ -267,7 +263,6 @@ mod with_gymnasium {
     }
 
     #[test]
-    #[ignore = "needs Gymnasium: `cargo xtask test --peers`"]
     fn an_environment_may_print() {
         let mut world = world("\"fault\": \"prints\"", "").unwrap();
         let mut observation = [0.0; 2];

@@ -115,6 +115,7 @@ fn nan_in_the_observation_or_the_action_is_an_error() {
 }
 
 /// What `export_sb3.py` says of a policy.
+#[cfg(feature = "python-tests")]
 #[derive(serde::Deserialize)]
 struct Exported {
     name: String,
@@ -123,8 +124,8 @@ struct Exported {
     actions: Vec<Vec<f32>>,
 }
 
+#[cfg(feature = "python-tests")]
 #[test]
-#[ignore = "needs Stable-Baselines3: `cargo xtask test --python`"]
 fn a_policy_of_stable_baselines_acts_as_it_does_there() {
     let python =
         std::env::var("SHIELD_SB3_PYTHON").expect("`cargo xtask test --python` names the interpreter");

@@ -185,13 +185,6 @@ fn target_noise_changes_what_is_learned_and_can_be_switched_off() {
 }
 
 #[test]
-#[ignore = "a measurement: run with --release --nocapture --test-threads 1"]
-fn how_long_it_takes() {
-    continuous::print_how_long_it_takes::<Td3>("(random_steps: 0)");
-}
-
-#[test]
-#[ignore = "run by `cargo xtask test --torch`"]
-fn a_reference_is_written() {
-    reference::a_reference_is_written::<Td3>();
+fn the_same_seed_learns_the_same_weights() {
+    reference::the_same_seed_learns_the_same_weights::<Td3>();
 }

@@ -105,9 +105,8 @@ macro_rules! learner_tests {
             }
 
             #[test]
-            #[ignore = "run by `cargo xtask test --torch`"]
-            fn the_reference_computes_something_else() {
-                reference::the_reference_computes_something_else::<$learner>();
+            fn the_updates_match_the_reference() {
+                reference::the_updates_match_the_reference::<$learner>();
             }
         }
     };
