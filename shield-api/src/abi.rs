@@ -700,7 +700,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_version_as_text_is_the_version_as_numbers() {
+    fn the_version_text_matches_the_version_numbers() {
         assert_eq!(ABI_VERSION, format!("{ABI_MAJOR}.{ABI_MINOR}"));
     }
 }

@@ -134,7 +134,7 @@ mod tests {
     }
 
     #[test]
-    fn the_error_of_the_form_that_was_meant_is_reported() {
+    fn an_error_beside_an_optional_structure_keeps_its_place() {
         for text in ["(range: Some((low: 1.0)),\n count: x)", "(range: Some(low: 1.0),\n count: x)"] {
             let position = Settings::parse(text).unwrap_err().position().unwrap();
             assert_eq!(position.line, 2, "{text}");

@@ -219,7 +219,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_flag_crosses_the_line_as_itself_and_an_unknown_one_does_not() {
+    fn every_flag_crosses_the_interface_and_an_unknown_one_is_refused() {
         for flags in 0..16 {
             let view = StepView { forward_reward: 1.0, reset_reward: 2.0, flags };
             let outcome = StepOutcome::try_from(view).unwrap();

@@ -222,7 +222,7 @@ mod tests {
     };
 
     #[test]
-    fn what_is_encoded_at_compile_time_is_decoded() {
+    fn a_manifest_encoded_at_compile_time_is_decoded() {
         static BYTES: [u8; encoded_len(&PARTS)] = encode(&PARTS);
         let mut section = BYTES.to_vec();
         section.extend([0; 7]);
@@ -236,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn a_manifest_that_is_cut_or_foreign_is_refused() {
+    fn a_truncated_or_foreign_manifest_is_refused() {
         let bytes: [u8; encoded_len(&PARTS)] = encode(&PARTS);
         for bad in [&bytes[..40], &bytes[5..], b"", b"\xff\xfe", b"\0\0"] {
             assert!(decode_section(bad).is_err(), "{bad:?}");

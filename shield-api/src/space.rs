@@ -157,7 +157,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_box_refuses_what_is_outside_or_not_finite() {
+    fn a_box_refuses_outside_and_non_finite_actions() {
         let space = Space::uniform(2, -1.0, 1.0);
         assert!(space.check_action(&[0.0, 1.0]).is_ok());
         for bad in [&[0.0][..], &[0.0, 1.1], &[f32::NAN, 0.0], &[0.0, f32::INFINITY]] {

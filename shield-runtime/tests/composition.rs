@@ -108,7 +108,7 @@ fn assert_near(found: [f32; 2], expected: [f32; 2]) {
 }
 
 #[test]
-fn one_branch_is_not_enough_or_both_are_asked_for() {
+fn one_branch_of_any_is_enough() {
     let any = |first, second| RuleTree::Any(vec![rule([1.0, 0.0], first), rule([0.0, 1.0], second)]);
     assert_eq!(decide(any(0.6, 0.0), None).0, Decision::Allow);
     assert_eq!(decide(any(0.0, 0.6), None).0, Decision::Allow);
@@ -120,7 +120,7 @@ fn one_branch_is_not_enough_or_both_are_asked_for() {
 }
 
 #[test]
-fn a_branch_that_fails_is_outvoted_by_another() {
+fn a_failing_branch_aborts_whatever_the_others_allow() {
     for order in [0, 1] {
         let failing: Box<dyn AbortRule> = Box::new(Half { row: [0.0; 2], bound: 1.0, fails: true });
         let mut branches = vec![RuleTree::Rule(failing), rule([1.0, 0.0], 1.0)];
@@ -136,7 +136,7 @@ fn a_branch_that_fails_is_outvoted_by_another() {
 }
 
 #[test]
-fn the_projection_goes_to_the_farther_branch_or_keeps_both() {
+fn the_projection_goes_to_the_nearest_branch() {
     let any = |first, second| RuleTree::Any(vec![rule([1.0, 0.0], first), rule([0.0, 1.0], second)]);
     assert_near(decide(any(0.2, -0.5), qp()).1, [0.2, 0.5]);
     assert_near(decide(any(-0.5, 0.2), qp()).1, [0.5, 0.2]);
@@ -170,7 +170,7 @@ impl AbortRule for Careful {
 }
 
 #[test]
-fn rows_that_contradict_each_other_end_a_projection_although_they_are_soft() {
+fn contradictory_soft_rows_give_way_by_priority() {
     let careful = |sign: f32| -> Box<dyn AbortRule> {
         Box::new(Careful(Half { row: [sign, 0.0], bound: -0.5, fails: false }))
     };
@@ -208,7 +208,7 @@ fn best(forward: [f32; 4], reset: [f32; 4]) -> (Decision, f32) {
 }
 
 #[test]
-fn a_discrete_action_is_projected_to_another_than_the_best_allowed() {
+fn a_discrete_action_is_projected_to_the_best_allowed_one() {
     let (decision, action) = best([1.0, 5.0, 4.0, 9.0], [1.0, 0.0, 1.0, 0.0]);
     assert_eq!((decision.projection().unwrap().kind, action), (ProjectionKind::Best, 2.0));
     assert_eq!(best([4.0, 4.0, 4.0, 9.0], [0.0, 1.0, 1.0, 0.0]).1, 1.0, "of equal ones the first");
@@ -227,7 +227,7 @@ fn a_discrete_action_is_projected_to_another_than_the_best_allowed() {
 }
 
 #[test]
-fn a_rule_judges_a_projected_action_by_the_forward_values_of_the_rejected_one() {
+fn a_rule_judges_a_projected_action_by_its_own_forward_values() {
     let needs = Needs { forward_values: true, ..Needs::default() };
     let judge = Box::new(|context: &RuleContext<'_>| {
         Ok(RuleVerdict::from_safe(context.forward_values[0] < 5.0, context.forward_values[0]))

@@ -51,7 +51,7 @@ fn metric(drop_in: &DropIn, wanted: &str) -> f64 {
 }
 
 #[test]
-fn a_loop_is_counted_wrongly() {
+fn steps_episodes_and_aborts_are_counted() {
     let mut drop_in = builder(Scripted::acting(|_, _| -1.0)).build().unwrap();
     let mut cell = 0.0;
     for proposed in [0.5, 0.5, 0.5] {
@@ -74,7 +74,7 @@ fn a_loop_is_counted_wrongly() {
 }
 
 #[test]
-fn the_agent_learns_from_other_steps_or_ends_than_it_should() {
+fn the_agent_learns_from_the_configured_steps_and_endings() {
     let usual = Endings::default();
     let strict = Endings { on_success: OnResetSuccess::Terminal, on_failure: OnResetFailure::Zero };
     // Two forward steps, then a reset episode that fails (it stays), continuations of what is learned from.
@@ -109,7 +109,7 @@ fn the_agent_learns_from_other_steps_or_ends_than_it_should() {
 }
 
 #[test]
-fn what_goes_wrong_is_executed_over() {
+fn no_action_is_executed_between_a_fault_and_the_hard_reset() {
     let mut drop_in = builder(Scripted::acting(|_, _| -1.0)).build().unwrap();
     assert!(drop_in.observe(&[0.0], signal(0.0), false).is_err(), "nothing was decided");
     drop_in.hard_reset_done(&[0.0]).unwrap();
@@ -135,7 +135,7 @@ fn what_goes_wrong_is_executed_over() {
 }
 
 #[test]
-fn a_broken_rule_aborts_for_ever_without_a_word() {
+fn a_panicked_rule_is_an_error_and_its_reason_stays() {
     let broken = Rule::judging(|_| Err(Error::new(ErrorKind::Panicked, "the rule panicked")));
     let shield = DropIn::builder(spaces(), Box::new(Scripted::acting(|_, _| -1.0))).rule(broken);
     let mut drop_in = shield.build().unwrap();
@@ -150,7 +150,7 @@ fn a_broken_rule_aborts_for_ever_without_a_word() {
 }
 
 #[test]
-fn a_reset_agent_that_fails_is_not_counted_or_has_no_words() {
+fn a_failing_reset_agent_is_counted_and_explained() {
     let failing = Scripted::acting(|_, _| f32::NEG_INFINITY);
     let mut drop_in = builder(failing).build().unwrap();
     let mut cell = 0.0;
@@ -165,7 +165,7 @@ fn a_reset_agent_that_fails_is_not_counted_or_has_no_words() {
 }
 
 #[test]
-fn a_reason_outlives_its_action() {
+fn a_reason_ends_with_its_action() {
     let mut drop_in = builder(Scripted::acting(|_, _| 0.25)).build().unwrap();
     let mut cell = 0.0;
     step(&mut drop_in, &mut cell, 0.75);
@@ -175,7 +175,7 @@ fn a_reason_outlives_its_action() {
 }
 
 #[test]
-fn the_file_of_another_shield_is_loaded_or_the_shield_goes_on_after_it() {
+fn loading_requires_a_hard_reset_and_refuses_the_file_of_another_shield() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("state");
     let agent = || Scripted::acting(|_, _| -1.0);
@@ -205,7 +205,7 @@ fn fault(text: &str) -> String {
 }
 
 #[test]
-fn a_configuration_that_cannot_work_is_accepted_or_has_no_place() {
+fn an_unusable_configuration_is_refused_with_its_place() {
     const RULES: &str = "rules: [(plugin: \"r\")]";
     let with = |fields: &str| format!("DropIn(\n reset: (plugin: \"a\"),\n {fields}\n)");
     for (fields, wanted) in [

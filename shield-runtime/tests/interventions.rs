@@ -36,7 +36,7 @@ fn next(cause: Cause) -> Option<Cause> {
 }
 
 #[test]
-fn a_cause_is_missing_from_the_table_or_the_summary() {
+fn every_cause_is_in_the_table_and_the_summary() {
     let parent = tempfile::tempdir().unwrap();
     let folder = RunFolder::at(parent.path().join("seed-0"));
     folder.create("", "[]", false).unwrap();

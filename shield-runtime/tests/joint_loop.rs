@@ -60,7 +60,7 @@ fn the_pit_costs_one_hard_reset_after_n_failed_attempts() {
 }
 
 #[test]
-fn between_attempts_lies_a_forward_episode_or_nothing() {
+fn a_forward_episode_lies_between_attempts_if_configured() {
     for (between, forward_episodes) in [(BetweenAttempts::Forward, 3), (BetweenAttempts::Reset, 1)] {
         let mut scene = Scene::new(if between == BetweenAttempts::Forward { 36 } else { 24 });
         scene.settings.cycle.reset_attempts = Some(3);
@@ -73,7 +73,7 @@ fn between_attempts_lies_a_forward_episode_or_nothing() {
 }
 
 #[test]
-fn a_reset_episode_counts_by_any_visited_state_or_by_its_last() {
+fn an_attempt_succeeds_by_any_visited_state_or_by_its_final_one() {
     // The reset agent passes cell 0 and walks away again.
     for (test, hard_resets) in [(ResetTest::AnyVisited, 0), (ResetTest::FinalState, 1)] {
         let mut scene = Scene::new(2 * EPISODE as u64);
@@ -92,7 +92,7 @@ fn a_reset_episode_counts_by_any_visited_state_or_by_its_last() {
 }
 
 #[test]
-fn stop_on_reset_ends_the_reset_episode_at_the_reset_set() {
+fn stop_on_reset_ends_the_attempt_at_the_reset_set() {
     for (stop, length) in [(true, 2), (false, EPISODE as u64)] {
         let mut scene = Scene::new(2 * EPISODE as u64);
         scene.forward = forward_learner(Scripted::acting(|cell, _| if cell < 2.0 { 1.0 } else { -1.0 }));
@@ -103,7 +103,7 @@ fn stop_on_reset_ends_the_reset_episode_at_the_reset_set() {
 }
 
 #[test]
-fn the_modes_reset_as_they_say() {
+fn each_mode_makes_its_own_resets() {
     let run = |mode: Mode| {
         let mut scene = Scene::new(60);
         scene.settings.cycle.mode = mode;
@@ -162,7 +162,7 @@ fn reset_continuations(endings: Endings, falls: bool) -> Vec<f32> {
 }
 
 #[test]
-fn reaching_the_reset_set_is_terminal_or_bootstraps() {
+fn reaching_the_reset_set_is_terminal_or_bootstraps_as_configured() {
     let endings = |on_success| Endings { on_success, ..Endings::default() };
     // Forward: 1 2 1 2 1 2; reset: 1 0.
     assert_eq!(reset_continuations(endings(OnResetSuccess::Bootstrap), false), [1.0; 8]);
@@ -172,7 +172,7 @@ fn reaching_the_reset_set_is_terminal_or_bootstraps() {
 }
 
 #[test]
-fn the_last_step_of_a_failed_reset_episode_is_worth_nothing_or_bootstraps() {
+fn the_last_step_of_a_failed_attempt_is_terminal_or_bootstraps_as_configured() {
     let endings = |on_failure| Endings { on_failure, ..Endings::default() };
     assert_eq!(reset_continuations(endings(OnResetFailure::Bootstrap), true), [1.0; 12]);
     let mut expected = [1.0; 12];
@@ -211,7 +211,7 @@ fn told_of_aborts(on_abort: OnAbort, rules: Vec<Box<dyn AbortRule>>) -> (Vec<(f3
 }
 
 #[test]
-fn the_forward_agent_is_told_something_else_of_an_abort() {
+fn the_forward_agent_learns_of_an_abort_as_configured() {
     let told = |on_abort| told_of_aborts(on_abort, no_pit()).0;
     assert!(told(OnAbort::Nothing).iter().all(|row| row.0 >= 0.0 && row.1 == 1.0));
     assert!(told(OnAbort::Truncate).contains(&(0.0, 0.0)));
@@ -220,7 +220,7 @@ fn the_forward_agent_is_told_something_else_of_an_abort() {
 }
 
 #[test]
-fn the_forward_agent_is_blamed_for_a_rule_that_fails() {
+fn a_failing_rule_does_not_penalise_the_forward_agent() {
     let failing = || {
         vec![Rule::judging(|context| {
             let is_near = context.observation[0] >= 3.0;
@@ -232,7 +232,7 @@ fn the_forward_agent_is_blamed_for_a_rule_that_fails() {
 }
 
 #[test]
-fn the_kinds_of_hard_resets_cost_the_same_or_are_not_learned_from() {
+fn each_kind_of_hard_reset_has_its_cost_and_is_learned_from() {
     let mut scene = Scene::new(60);
     scene.line.kinds = vec![("line", 2.0), ("pit", 10.0)];
     scene.settings.cycle.hard_reset_cost = 3.0;
@@ -256,7 +256,7 @@ fn the_kinds_of_hard_resets_cost_the_same_or_are_not_learned_from() {
 }
 
 #[test]
-fn kinds_of_hard_resets_that_cannot_be_are_accepted() {
+fn invalid_kinds_of_hard_resets_are_refused() {
     for kinds in [vec![("a", f64::NAN)], vec![("a", -1.0)], vec![("a", 1.0), ("a", 2.0)]] {
         let mut line = Line::new();
         line.kinds = kinds;
@@ -269,7 +269,7 @@ fn kinds_of_hard_resets_that_cannot_be_are_accepted() {
 }
 
 #[test]
-fn the_phase_is_the_wrong_one_or_exploration_is_judged_without_the_forward_values() {
+fn rules_see_the_phase_and_the_forward_values_of_exploration() {
     use std::sync::{Arc, Mutex};
     type Seen = (Phase, f32, Vec<f32>);
     let told: Arc<Mutex<Vec<Seen>>> = Arc::default();
@@ -295,7 +295,7 @@ fn the_phase_is_the_wrong_one_or_exploration_is_judged_without_the_forward_value
 }
 
 #[test]
-fn the_agent_in_charge_learns_or_both_do_each_with_its_own_reward() {
+fn the_agent_in_charge_or_both_learn_each_from_its_own_reward() {
     for (updates, forward_updates, reset_updates) in [(Updates::Active, 6, 6), (Updates::Both, 12, 12)] {
         let mut scene = Scene::new(12);
         scene.settings.cycle.updates = updates;
@@ -312,7 +312,7 @@ fn the_agent_in_charge_learns_or_both_do_each_with_its_own_reward() {
 }
 
 #[test]
-fn updates_per_step_are_made() {
+fn each_step_makes_the_configured_number_of_updates() {
     let mut scene = Scene::new(12);
     scene.settings.cycle.updates_per_step = 3;
     let seen = scene.reset.as_ref().unwrap().seen.clone();
@@ -338,7 +338,7 @@ fn bootstrap_masks_reach_the_learner() {
 }
 
 #[test]
-fn nothing_is_aborted_in_the_warm_up() {
+fn the_warm_up_aborts_nothing() {
     let mut scene = Scene::new(24);
     scene.rules = vec![Rule::below(5.0)];
     scene.warm_up_steps = 12;
@@ -370,7 +370,7 @@ fn shielded_exploration_falls_back_to_the_greedy_action() {
 }
 
 #[test]
-fn a_forward_agent_without_an_action_is_aborted_and_counted() {
+fn a_failing_forward_agent_causes_aborts_that_are_counted() {
     let mut scene = Scene::new(30);
     let policy = Scripted::acting(|cell, _| if cell < 2.0 { 1.0 } else { f32::NEG_INFINITY });
     scene.forward = Some(ForwardAgent::Policy(Box::new(policy)));
@@ -384,7 +384,7 @@ fn a_forward_agent_without_an_action_is_aborted_and_counted() {
 
 /// Each way in which a decision can fail, in a loop: counted by its cause, reported, and nothing of it executed.
 #[test]
-fn a_failure_is_executed_or_not_counted_by_its_cause() {
+fn every_failure_aborts_and_is_counted_by_its_cause() {
     let says = |value: f32| {
         Some(Scripted::acting(|_, _| -1.0).valuing(2, move |_, action| match action {
             1.0 => vec![1.0, value],
@@ -432,7 +432,7 @@ fn a_failure_is_executed_or_not_counted_by_its_cause() {
 }
 
 #[test]
-fn evaluation_uses_another_instance_and_counts_apart() {
+fn an_evaluation_uses_its_own_instance_and_counts_separately() {
     let evaluated = Line::new();
     let log = evaluated.log.clone();
     let evaluator = |line, shield, agent, start: Option<&str>| {
@@ -466,7 +466,7 @@ fn evaluation_uses_another_instance_and_counts_apart() {
 }
 
 #[test]
-fn what_an_evaluation_finds_depends_on_how_many_episodes_run_at_once() {
+fn an_evaluation_does_not_depend_on_how_many_episodes_run_at_once() {
     let evaluate = |worlds: usize, threads: usize| {
         let world = || World::new(Box::new(Line::new()), None).unwrap();
         let batch = Batch::new((0..worlds).map(|_| world()).collect(), threads).unwrap();
@@ -483,7 +483,7 @@ fn what_an_evaluation_finds_depends_on_how_many_episodes_run_at_once() {
 }
 
 #[test]
-fn a_rule_that_panicked_ends_the_run_and_its_action_is_not_executed() {
+fn a_panicked_rule_ends_the_run_and_its_action_is_not_executed() {
     let mut scene = Scene::new(100);
     scene.rules = vec![Rule::judging(|context| match context.step {
         0..4 => Ok(RuleVerdict::from_safe(true, 1.0)),
@@ -512,7 +512,7 @@ fn an_action_outside_the_space_is_not_executed_in_any_mode() {
 /// A million steps with a policy that proposes anything, NaN included, and rules that reject at random: in forward
 /// phases the world receives only what the rules allowed at that very state.
 #[test]
-fn not_one_unapproved_action_reaches_the_world() {
+fn no_unapproved_action_reaches_the_environment() {
     use std::{
         collections::HashSet,
         sync::{Arc, Mutex},

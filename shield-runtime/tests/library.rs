@@ -36,7 +36,7 @@ fn signal(cell: f32) -> Option<ResetSignal> {
 }
 
 #[test]
-fn a_program_that_obeys_the_buffer_does_not_fall_and_is_taken_back() {
+fn a_program_that_executes_the_buffer_never_falls_and_is_brought_back() {
     let mut shield = builder(homing()).build().unwrap();
     let (mut cell, mut seen) = (0.0_f32, Vec::new());
     for _ in 0..14 {
@@ -56,7 +56,7 @@ fn a_program_that_obeys_the_buffer_does_not_fall_and_is_taken_back() {
 }
 
 #[test]
-fn a_reset_agent_that_has_given_up_is_not_followed() {
+fn the_last_failed_attempt_requires_a_hard_reset_before_any_action() {
     // It walks the wrong way.
     let lost = || Scripted::acting(|_, _| 0.5);
     let step = |shield: &mut DropIn| {
@@ -94,7 +94,7 @@ fn a_reset_agent_that_has_given_up_is_not_followed() {
 }
 
 #[test]
-fn a_reset_agent_without_an_action_gives_way_to_the_fallback() {
+fn a_failing_reset_agent_gives_way_to_the_fallback_action() {
     let in_attempt = |agent: Scripted| {
         let mut shield = builder(agent).fallback_action(vec![-0.25]).build().unwrap();
         shield.filter(&[1.0], &mut [0.0]).unwrap();
@@ -113,7 +113,7 @@ fn a_reset_agent_without_an_action_gives_way_to_the_fallback() {
 }
 
 #[test]
-fn a_shield_that_cannot_be_is_built() {
+fn an_invalid_shield_is_refused() {
     assert!(DropIn::builder(spaces(), Box::new(homing())).build().is_err(), "without a rule");
     assert!(builder(homing()).reset_attempts(Some(0)).build().is_err());
     assert!(builder(homing()).attempt_length(0).build().is_err());
@@ -121,7 +121,7 @@ fn a_shield_that_cannot_be_is_built() {
 }
 
 #[test]
-fn an_agent_in_a_shielded_environment_falls_or_costs_a_hard_reset() {
+fn an_agent_in_a_shielded_environment_never_falls_and_needs_no_hard_reset() {
     let line = Line::new();
     let (log, resets) = (line.log.clone(), line.resets.clone());
     let agent = homing();
@@ -152,7 +152,7 @@ fn an_agent_in_a_shielded_environment_falls_or_costs_a_hard_reset() {
 }
 
 #[test]
-fn a_shielded_environment_is_not_reset_when_the_reset_agent_has_given_up() {
+fn a_shielded_environment_is_hard_reset_after_a_failed_attempt_or_its_end() {
     let line = Line::new();
     let resets = line.resets.clone();
     let shield = builder(Scripted::acting(|_, _| 1.0)).build().unwrap();

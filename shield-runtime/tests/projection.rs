@@ -184,7 +184,7 @@ fn assert_aborts((decision, action): (Decision, [f32; 2]), cause: Cause) {
 }
 
 #[test]
-fn the_rule_of_a_third_party_is_not_projected_or_not_to_the_nearest_action() {
+fn a_rule_of_a_third_party_is_projected_to_the_nearest_action() {
     let rule = Reach::new(0.0);
     let told = rule.told.clone();
     let mut agent = Plane::linear();
@@ -205,7 +205,7 @@ fn the_rule_of_a_third_party_is_not_projected_or_not_to_the_nearest_action() {
 }
 
 #[test]
-fn a_field_of_the_program_changes_nothing() {
+fn every_field_of_the_program_changes_the_projection() {
     assert_near(projected(QpConfig::default()), [0.0, 0.0]);
     assert_near(projected(QpConfig { margin: 0.4, ..QpConfig::default() }), [-0.2, -0.2]);
     let weights = Some(vec![1.0, 3.0]);
@@ -218,7 +218,7 @@ fn a_field_of_the_program_changes_nothing() {
 }
 
 #[test]
-fn a_curved_value_is_not_linearised_again() {
+fn a_curved_value_is_linearised_again() {
     // Q = −Σ (a³ + 0.2 a): from (0.5, 0.5), each linearisation ends outside, a little nearer.
     let curved = || Plane {
         value: |action| -action.iter().map(|value| value.powi(3) + 0.2 * value).sum::<f32>(),
@@ -235,7 +235,7 @@ fn a_curved_value_is_not_linearised_again() {
 }
 
 #[test]
-fn an_action_that_only_the_rows_allow_is_executed() {
+fn an_action_that_only_the_rows_allow_is_aborted() {
     // The gradient points the wrong way, so that rows and values contradict each other.
     let agent = Plane { gradient: Some(|_| [1.0, 1.0]), ..Plane::linear() };
     let once = QpConfig { max_iterations: 1, ..QpConfig::default() };
@@ -243,7 +243,7 @@ fn an_action_that_only_the_rows_allow_is_executed() {
 }
 
 #[test]
-fn numbers_that_are_not_finite_or_agents_that_fail_do_not_abort() {
+fn non_finite_numbers_and_failing_agents_abort() {
     let mut gradients: Vec<(Option<Gradient>, Cause)> = vec![(None, Cause::GradientsFailed)];
     gradients.push((Some(|_| [f32::NAN, 1.0]), Cause::GradientsFailed));
     gradients.push((Some(|_| [1.0, f32::INFINITY]), Cause::GradientsFailed));
@@ -264,7 +264,7 @@ fn numbers_that_are_not_finite_or_agents_that_fail_do_not_abort() {
 }
 
 #[test]
-fn rows_that_cannot_be_do_not_abort() {
+fn unusable_rows_abort() {
     type Pushes = fn(&RuleContext<'_>, &[f32], f32, &mut dyn Rows) -> Result<()>;
     let mut table: Vec<(Pushes, Cause)> = vec![
         (|_, _, _, _| Err(Error::unsupported("linearising")), Cause::NotLinearisable),
@@ -311,7 +311,7 @@ impl Solver for Fake {
 }
 
 #[test]
-fn a_solver_that_fails_or_lies_does_not_abort() {
+fn a_solver_that_fails_or_lies_leads_to_an_abort() {
     type Solve = fn(&Program<'_>, &mut [f64]) -> Outcome;
     let table: [(Solve, Cause); 7] = [
         (|_, _| panic!("the fake solver panics on purpose"), Cause::SolverPanicked),
@@ -363,7 +363,7 @@ fn a_solver_that_fails_or_lies_does_not_abort() {
 }
 
 #[test]
-fn the_reset_agents_action_replaces_one_that_it_must_not() {
+fn the_reset_agents_action_replaces_a_rejected_one_if_the_rules_allow_it() {
     let (decision, action) = decide(Reach::new(0.0), Plane::linear(), ProjectionConfig::Replace);
     let projection = decision.projection().unwrap();
     assert_eq!((projection.kind, projection.iterations, action), (ProjectionKind::Replace, 0, SAFE));
@@ -376,7 +376,7 @@ fn the_reset_agents_action_replaces_one_that_it_must_not() {
 }
 
 #[test]
-fn a_projection_that_does_not_fit_is_accepted() {
+fn a_projection_that_does_not_fit_the_action_space_is_refused() {
     let agent = Plane::linear();
     let build = |space: Space, config| {
         let shield = Ladder::new(RuleTree::Rule(Box::new(Reach::new(0.0))), &agent, settings(space)).unwrap();
@@ -394,7 +394,7 @@ fn a_projection_that_does_not_fit_is_accepted() {
 }
 
 #[test]
-fn a_late_decision_is_executed() {
+fn a_late_decision_aborts() {
     let slow: Value = |_| {
         std::thread::sleep(Duration::from_millis(5));
         1.0
@@ -425,7 +425,7 @@ fn a_late_decision_is_executed() {
 }
 
 #[test]
-fn the_loop_executes_the_rejected_action_or_counts_it_as_an_abort() {
+fn the_loop_executes_and_counts_the_projected_action() {
     // Rejects what leads right; the reset agent's own action, left, is allowed.
     let mut scene = Scene::new(6);
     scene.rules = vec![common::Rule::judging(|context| {
@@ -442,7 +442,7 @@ fn the_loop_executes_the_rejected_action_or_counts_it_as_an_abort() {
 }
 
 #[test]
-fn a_projection_is_missing_from_the_results_of_a_run() {
+fn projections_are_in_the_results_of_a_run() {
     let folder = tempfile::tempdir().unwrap();
     let identity = Identity { experiment: "e".into(), variant: "v".into(), seed: 0 };
     let run = RunFolder::new(folder.path(), &identity);

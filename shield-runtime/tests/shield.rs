@@ -44,7 +44,7 @@ fn an_action_that_every_rule_allows_is_left_alone() {
 }
 
 #[test]
-fn one_rule_that_rejects_is_enough_and_the_buffer_is_made_safe() {
+fn one_rejecting_rule_aborts_and_the_buffer_holds_the_reset_agents_action() {
     let mut action = [0.7];
     let decision = decide(vec![Rule::below(0.5), Rule::below(1.5)], reset_agent(&[1.0, 2.0]), &mut action);
     let abort = decision.abort().unwrap();
@@ -63,7 +63,7 @@ fn an_unusable_reset_action_gives_way_to_the_fallback() {
 }
 
 #[test]
-fn what_is_not_finite_or_has_the_wrong_length_aborts() {
+fn non_finite_numbers_and_wrong_lengths_abort() {
     let rules = || vec![Rule::judging(|_| Ok(RuleVerdict::from_safe(true, 1.0)))];
     for bad in BAD {
         assert_eq!(
@@ -102,7 +102,7 @@ fn what_is_not_finite_or_has_the_wrong_length_aborts() {
 }
 
 #[test]
-fn a_rule_or_an_agent_that_fails_aborts() {
+fn a_failing_rule_or_agent_leads_to_an_abort() {
     let failing = Rule::judging(|_| Err(Error::failed("the rule has a headache")));
     let mut agent = reset_agent(&[1.0]);
     let mut broken = shield(vec![failing], &agent, 0);
@@ -118,7 +118,7 @@ fn a_rule_or_an_agent_that_fails_aborts() {
 }
 
 #[test]
-fn the_warm_up_asks_no_rule_but_still_refuses_what_is_no_action() {
+fn the_warm_up_asks_no_rule_and_refuses_invalid_actions() {
     let mut agent = reset_agent(&[0.0]);
     let mut shield = shield(vec![Rule::below(5.0)], &agent, 200);
     assert_eq!(shield.filter(only(&mut agent), &moment(&[0.0]), &mut [0.3]), Decision::WarmUp);
@@ -131,7 +131,7 @@ fn the_warm_up_asks_no_rule_but_still_refuses_what_is_no_action() {
 }
 
 #[test]
-fn what_no_rule_needs_is_not_computed() {
+fn values_that_no_rule_needs_are_not_computed() {
     let count = std::sync::Arc::new(std::sync::atomic::AtomicU32::new(0));
     for (needs, expected) in [
         (Needs::default(), 0),

@@ -1,4 +1,6 @@
 //! The projection's solvers against independent ones, on many random programs: ill-conditioned, degenerate and infeasible ones too.
+//!
+//! `cargo xtask test --long` tries a million of them.
 #![allow(clippy::unwrap_used, reason = "a test")]
 
 use ndarray::{Array1, Array2};
@@ -19,6 +21,11 @@ use shield_runtime::{
 
 /// Programs per property test.
 const PROGRAMS: u64 = 20_000;
+
+/// So many programs, or as many as `cargo xtask test --long` asks for.
+fn programs(usual: u64) -> u64 {
+    std::env::var("SHIELD_TEST_PROGRAMS").map_or(usual, |number| number.parse().unwrap())
+}
 
 /// A program that owns its figures.
 #[derive(Debug, Clone, Default)]
@@ -218,17 +225,8 @@ fn compare(
 }
 
 #[test]
-fn a_solution_of_twelve_dimensions_and_forty_rows_breaks_a_row_or_is_not_the_nearest() {
-    compare_many(PROGRAMS);
-}
-
-#[test]
-#[ignore = "takes minutes"]
-fn one_of_a_million_solutions_breaks_a_row_or_is_not_the_nearest() {
-    compare_many(1_000_000);
-}
-
-fn compare_many(programs: u64) {
+fn solutions_keep_every_row_and_are_the_nearest() {
+    let programs = programs(PROGRAMS);
     let mut random = Pcg64::seed_from_u64(1);
     let mut solver = Staged::new(InteriorPoint::default());
     let mut tally = Tally::default();
@@ -298,19 +296,10 @@ impl Learner for Idle {
     }
 }
 
-#[test]
-fn a_projected_action_is_one_that_the_rules_reject() {
-    filter_many(PROGRAMS / 4);
-}
-
-#[test]
-#[ignore = "takes minutes"]
-fn one_of_a_million_projected_actions_is_one_that_the_rules_reject() {
-    filter_many(1_000_000);
-}
-
 /// Whole decisions: what is executed keeps every row, and the action space, whatever the solver makes of the program.
-fn filter_many(decisions: u64) {
+#[test]
+fn projected_actions_are_allowed_by_the_rules() {
+    let decisions = programs(PROGRAMS / 4);
     let mut random = Pcg64::seed_from_u64(5);
     let (mut projected, mut aborted) = (0, 0);
     for case in 0..decisions {
@@ -342,7 +331,7 @@ fn filter_many(decisions: u64) {
 }
 
 #[test]
-fn a_solution_in_the_plane_is_not_that_of_brute_force() {
+fn solutions_in_the_plane_match_brute_force() {
     let mut random = Pcg64::seed_from_u64(2);
     let mut solver = Staged::new(InteriorPoint::default());
     let mut tally = Tally::default();
@@ -355,7 +344,7 @@ fn a_solution_in_the_plane_is_not_that_of_brute_force() {
 }
 
 #[test]
-fn the_closed_form_of_one_row_is_not_the_interior_points_solution() {
+fn the_closed_form_of_one_row_matches_the_interior_point() {
     let mut random = Pcg64::seed_from_u64(3);
     let (mut closed, mut interior) = (OneRow::default(), InteriorPoint::default());
     let (mut solved, mut infeasible) = (0, 0);
@@ -390,7 +379,7 @@ fn the_closed_form_of_one_row_is_not_the_interior_points_solution() {
 }
 
 #[test]
-fn a_kept_workspace_changes_a_solution_or_a_change_of_shape_is_not_seen() {
+fn a_kept_workspace_gives_the_solutions_of_a_fresh_one() {
     let mut random = Pcg64::seed_from_u64(4);
     let mut kept = InteriorPoint::default();
     for case in 0..500 {
@@ -414,7 +403,7 @@ fn a_kept_workspace_changes_a_solution_or_a_change_of_shape_is_not_seen() {
 }
 
 #[test]
-fn what_was_solved_before_changes_no_bit_of_a_solution() {
+fn earlier_programs_change_no_bit_of_a_solution() {
     let mut random = Pcg64::seed_from_u64(11);
     let mut kept = InteriorPoint::default();
     for index in 0..PROGRAMS / 20 {

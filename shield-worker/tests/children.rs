@@ -1,4 +1,5 @@
-//! Real children that behave and misbehave. Each is this test's own executable, started again for the one test `child`.
+//! Real children that behave and misbehave. Each is this test's own executable, started again for the one test
+//! `a_process_without_a_behaviour_does_nothing`.
 #![allow(clippy::unwrap_used, clippy::print_stdout, clippy::print_stderr, reason = "tests")]
 
 use std::{
@@ -16,7 +17,9 @@ const LONG: Duration = Duration::from_secs(30);
 
 fn this_test(behaviour: &str) -> Command {
     let mut command = Command::new(env::current_exe().unwrap());
-    command.args(["--exact", "child", "--nocapture", "--test-threads=1"]).env(BEHAVIOUR, behaviour);
+    command
+        .args(["--exact", "a_process_without_a_behaviour_does_nothing", "--nocapture", "--test-threads=1"])
+        .env(BEHAVIOUR, behaviour);
     command
 }
 
@@ -24,9 +27,9 @@ fn start(behaviour: &str) -> Worker {
     Worker::start(this_test(behaviour), Options::default()).unwrap()
 }
 
-/// Not a test in itself: what the children do.
+/// What the children do. In the tests' own process it has nothing to do.
 #[test]
-fn child() {
+fn a_process_without_a_behaviour_does_nothing() {
     let Ok(behaviour) = env::var(BEHAVIOUR) else { return };
     if behaviour == "parent" {
         return have_a_child_and_die();
@@ -85,7 +88,7 @@ fn eventually(condition: impl Fn() -> bool) -> bool {
 }
 
 #[test]
-fn an_answer_is_lost() {
+fn every_answer_arrives() {
     let mut worker = start("double");
     for value in 0..20_000 {
         worker.memory().write(0, &[value]);
@@ -95,7 +98,7 @@ fn an_answer_is_lost() {
 }
 
 #[test]
-fn a_sleeping_side_is_not_woken() {
+fn a_sleeping_side_is_woken() {
     // Pauses around the time after which a side goes to sleep, on both sides.
     let mut worker = start("slow");
     for pause in [0, 1, 2, 70, 0, 1] {
@@ -106,7 +109,7 @@ fn a_sleeping_side_is_not_woken() {
 }
 
 #[test]
-fn the_code_with_which_a_child_ended_is_lost() {
+fn the_exit_code_and_the_last_words_of_a_child_are_reported() {
     let mut worker = start("exit");
     let error = worker.call(LONG).unwrap_err();
     assert!(matches!(error, WorkerError::Died { ending: Ending::Exit(3), .. }), "{error:?}");
@@ -116,14 +119,14 @@ fn the_code_with_which_a_child_ended_is_lost() {
 }
 
 #[test]
-fn the_signal_that_ended_a_child_is_lost() {
+fn the_signal_that_ended_a_child_is_reported() {
     let error = start("fault").call(LONG).unwrap_err();
     assert!(matches!(error, WorkerError::Died { ending: Ending::Signal(11), .. }), "{error:?}");
     assert!(error.to_string().contains("segmentation fault"), "{error}");
 }
 
 #[test]
-fn a_child_that_hangs_hangs_its_parent() {
+fn a_child_that_hangs_is_ended_at_the_time_limit() {
     let mut worker = start("hang");
     let process = worker.process();
     let limit = Duration::from_millis(300);
@@ -133,7 +136,7 @@ fn a_child_that_hangs_hangs_its_parent() {
 }
 
 #[test]
-fn what_a_child_prints_disturbs_the_channel() {
+fn what_a_child_prints_does_not_disturb_the_channel() {
     let mut worker = start("garbage");
     for value in 0..5 {
         worker.memory().write(0, &[value]);
@@ -143,7 +146,7 @@ fn what_a_child_prints_disturbs_the_channel() {
 }
 
 #[test]
-fn a_dropped_worker_leaves_a_process() {
+fn a_dropped_worker_leaves_no_process() {
     let mut worker = start("double");
     worker.call(LONG).unwrap();
     let process = worker.process();
@@ -152,7 +155,7 @@ fn a_dropped_worker_leaves_a_process() {
 }
 
 #[test]
-fn a_child_outlives_its_parent() {
+fn a_child_ends_with_its_parent() {
     let output = this_test("parent").stdout(Stdio::piped()).output().unwrap();
     let text = String::from_utf8_lossy(&output.stdout);
     let process: u32 = text.lines().find_map(|line| line.strip_prefix("child=")).unwrap().parse().unwrap();
@@ -161,14 +164,14 @@ fn a_child_outlives_its_parent() {
 }
 
 #[test]
-fn a_program_that_does_not_exist_is_started() {
+fn a_missing_program_is_refused_by_name() {
     let error = Worker::start(Command::new("/no/such/program"), Options::default()).unwrap_err();
     assert!(matches!(&error, WorkerError::Start { .. }), "{error:?}");
     assert!(error.to_string().contains("/no/such/program"), "{error}");
 }
 
 #[test]
-fn a_process_without_a_channel_is_taken_for_a_worker() {
+fn a_process_without_a_channel_is_refused_as_a_worker() {
     assert!(env::var(CHANNEL_VARIABLE).is_err());
     let error = Client::from_environment().unwrap_err().to_string();
     assert!(error.contains(CHANNEL_VARIABLE), "{error}");
@@ -192,7 +195,7 @@ fn python(script: &str) -> Worker {
 }
 
 #[test]
-fn a_child_that_only_reads_the_bell_is_not_understood() {
+fn a_child_may_wait_by_reading_the_bell() {
     let mut worker = python(PYTHON);
     for value in 0..1_000 {
         worker.memory().write(0, &[value]);
@@ -202,14 +205,14 @@ fn a_child_that_only_reads_the_bell_is_not_understood() {
 }
 
 #[test]
-fn a_child_that_rings_without_an_answer_is_believed() {
+fn a_child_that_rings_without_an_answer_is_an_error() {
     let script = PYTHON.replace("struct.pack_into('=I'", "(lambda *_: None)('=I'");
     let error = python(&script).call(LONG).unwrap_err();
     assert!(matches!(error, WorkerError::Protocol { .. }), "{error:?}");
 }
 
 #[test]
-fn a_child_that_shortens_the_memory_ends_its_parent() {
+fn a_child_cannot_shorten_the_memory() {
     let script = PYTHON.replace("while", "os.ftruncate(memory, 1)\nwhile");
     let error = python(&script).call(LONG).unwrap_err();
     assert!(error.to_string().contains("PermissionError"), "{error}");

@@ -134,7 +134,7 @@ fn behaviour<L: Subject>(changes: &[(&str, &str)]) -> Vec<u32> {
     seen.into_iter().map(f32::to_bits).collect()
 }
 
-pub fn every_configuration_field_changes_what_can_be_seen<L: Subject>() {
+pub fn every_configuration_field_changes_the_behaviour<L: Subject>() {
     let reference = behaviour::<L>(&[]);
     assert_eq!(reference, behaviour::<L>(&[]));
     for field in L::Config::FIELDS {
@@ -144,7 +144,7 @@ pub fn every_configuration_field_changes_what_can_be_seen<L: Subject>() {
     }
 }
 
-pub fn defaults_that_the_manifest_states_are_the_defaults<L: Subject>()
+pub fn the_manifest_states_the_defaults<L: Subject>()
 where
     L::Config: std::fmt::Debug,
 {
@@ -167,7 +167,7 @@ pub fn impossible_settings_and_spaces_are_refused<L: Subject>() {
     }
 }
 
-pub fn a_broken_batch_is_refused_and_nothing_has_changed<L: Subject>() {
+pub fn a_broken_batch_is_refused_and_changes_nothing<L: Subject>() {
     let mut learner: L = learner(&[("normalise_observations", "true")]);
     train(&mut learner, 0..2);
     let before = saved(&learner);
@@ -235,7 +235,7 @@ pub fn a_loaded_learner_continues_bit_for_bit<L: Subject>() {
     assert_eq!(saved(&uninterrupted), saved(&continued));
 }
 
-pub fn foreign_bytes_are_refused_and_nothing_has_changed<L: Subject>() {
+pub fn foreign_bytes_are_refused_and_change_nothing<L: Subject>() {
     let mut original: L = learner(&[]);
     let before = saved(&original);
     let mut too_long = before.clone();
@@ -322,7 +322,7 @@ pub fn with_two_threads_only_the_queue_of_jobs_allocates<L: Subject>() {
     assert!(counted.count_total <= 11, "{counted:?}");
 }
 
-pub fn optimistic_values_begin_at_the_given_one<L: Subject>() {
+pub fn values_begin_at_the_configured_one<L: Subject>() {
     let values = values(&mut learner::<L>(&[("initial_value", "Some(20.0)")]));
     assert!(values.iter().all(|value| (value - 20.0).abs() < 0.2), "{values:?}");
 }
@@ -343,19 +343,19 @@ pub fn a_loss_that_overflows_is_an_error_and_leaves_values_finite<L: Subject>() 
 macro_rules! conformance_tests {
     ($learner:ty) => {
         conformance_tests! { $learner, conformance:
-            every_configuration_field_changes_what_can_be_seen,
-            defaults_that_the_manifest_states_are_the_defaults,
+            every_configuration_field_changes_the_behaviour,
+            the_manifest_states_the_defaults,
             impossible_settings_and_spaces_are_refused,
-            a_broken_batch_is_refused_and_nothing_has_changed,
+            a_broken_batch_is_refused_and_changes_nothing,
             wrong_arguments_are_refused,
             a_loaded_learner_continues_bit_for_bit,
-            foreign_bytes_are_refused_and_nothing_has_changed,
+            foreign_bytes_are_refused_and_change_nothing,
             a_greedy_action_draws_no_random_number,
             the_number_of_threads_changes_no_bit,
             a_member_learns_only_what_its_mask_allows,
             after_the_first_call_nothing_is_allocated,
             with_two_threads_only_the_queue_of_jobs_allocates,
-            optimistic_values_begin_at_the_given_one,
+            values_begin_at_the_configured_one,
             a_loss_that_overflows_is_an_error_and_leaves_values_finite,
         }
     };

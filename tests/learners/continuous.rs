@@ -98,7 +98,7 @@ pub fn impossible_actions() -> Vec<Space> {
     vec![Space::Discrete { n: 4 }, Space::unbounded(2)]
 }
 
-pub fn actions_stay_in_their_box_however_loud_the_noise<L: Subject>() {
+pub fn actions_stay_in_their_box_whatever_the_noise<L: Subject>() {
     let mut learner: L = learner(&[("sigma", "5.0"), ("final_sigma", "None"), ("random_steps", "50")]);
     let actions: Vec<_> = (0..200).map(|_| act(&mut learner, ActMode::Explore)).collect();
     for action in &actions {
@@ -109,7 +109,7 @@ pub fn actions_stay_in_their_box_however_loud_the_noise<L: Subject>() {
     assert!(actions[50..].iter().filter(is_inside).count() < 50, "loud noise reaches the bounds");
 }
 
-pub fn gradients_are_those_of_the_values<L: Subject>() {
+pub fn gradients_match_finite_differences_of_the_values<L: Subject>() {
     let mut learner: L = learner(&[("critic_rate", "1e-2")]);
     train(&mut learner, 0..60);
     let (observation, action) = ([0.3, -0.2, 0.7], [0.5, 0.6]);
@@ -136,7 +136,7 @@ pub fn gradients_are_those_of_the_values<L: Subject>() {
 }
 
 /// One step, reward −(a − 0.3)²: the value has its maximum at 0.3, and the actor must find it.
-pub fn the_best_action_of_one_step_is_found<L: Subject>() {
+pub fn the_learner_finds_the_best_action_of_one_step<L: Subject>() {
     let spaces = Spaces { observation: Space::unbounded(1), action: Space::uniform(1, -1.0, 1.0) };
     let config = config::<L>(&[("actor_rate", "3e-3"), ("critic_rate", "1e-2")]);
     let setup = Setup::with_spaces(1, 1, Host::silent(), spaces);
@@ -164,7 +164,7 @@ pub fn the_best_action_of_one_step_is_found<L: Subject>() {
     assert!(values.iter().all(|value| (value + 1.0).abs() < 0.2), "{values:?} instead of −1");
 }
 
-pub fn values_from_halves_are_close_follow_the_weights_and_allocate_nothing<L: Subject>() {
+pub fn half_precision_values_are_close_follow_the_weights_and_allocate_nothing<L: Subject>() {
     let settings = [("initial_value", "Some(20.0)"), ("critic_rate", "1e-2")];
     let mut full: L = learner(&settings);
     let mut half: L = learner(&[settings[0], settings[1], ("valuation", "Half")]);
@@ -216,61 +216,15 @@ pub fn the_gradient_of_the_actor_is_that_of_the_ensembles_mean<L: Inside>() {
 macro_rules! continuous_tests {
     ($learner:ty) => {
         conformance_tests! { $learner, continuous:
-            actions_stay_in_their_box_however_loud_the_noise,
-            gradients_are_those_of_the_values,
-            the_best_action_of_one_step_is_found,
+            actions_stay_in_their_box_whatever_the_noise,
+            gradients_match_finite_differences_of_the_values,
+            the_learner_finds_the_best_action_of_one_step,
             the_gradient_of_the_actor_is_that_of_the_ensembles_mean,
-            values_from_halves_are_close_follow_the_weights_and_allocate_nothing,
+            half_precision_values_are_close_follow_the_weights_and_allocate_nothing,
         }
         conformance_tests! { $learner, gradients:
             the_gradient_of_the_critics_is_that_of_their_loss,
             n_critics_learn_what_n_single_ones_would,
         }
     };
-}
-
-/// A measurement for the README: what the calls cost with 20 members of the default size.
-pub fn print_how_long_it_takes<L: Subject>(config: &str) {
-    const SIZE: usize = 64;
-    let action = Space::uniform(6, -1.0, 1.0);
-    let spaces = Spaces { observation: Space::unbounded(18), action };
-    let mut rng = Pcg64::seed_from_u64(0);
-    let mut floats = |length| (0..length).map(|_| rng.random_range(0.0..1.0)).collect::<Vec<f32>>();
-    let (observations, actions, rewards) = (floats(SIZE * 18), floats(SIZE * 6), floats(SIZE));
-    let batch = Batch {
-        size: SIZE,
-        observations: &observations,
-        actions: &actions,
-        rewards: &rewards,
-        next_observations: &observations,
-        continuations: &[1.0; SIZE],
-        masks: &[1.0; SIZE * 20],
-    };
-    for threads in [1, 2] {
-        let setup = Setup::with_spaces(0, threads, Host::silent(), spaces.clone());
-        let mut learner = L::create(L::Config::parse(config).unwrap(), &setup).unwrap();
-        let (mut values, mut gradients, mut action) = ([0.0; 20], [0.0; 120], [0.0; 6]);
-        let mut report = |name: &str, repeats: usize, work: &mut dyn FnMut(&mut L)| {
-            let mut times: Vec<_> = (0..repeats)
-                .map(|_| {
-                    let start = std::time::Instant::now();
-                    work(&mut learner);
-                    start.elapsed()
-                })
-                .collect();
-            times.sort();
-            println!("{name}, {threads} threads: median {:?}, best {:?}", times[repeats / 2], times[0]);
-        };
-        let (observation, proposed) = (&observations[..18], &actions[..6]);
-        report("update", 200, &mut |learner| learner.update(&batch).unwrap());
-        report("act", 2000, &mut |learner| {
-            learner.act(observation, ActMode::Explore, &mut action).unwrap();
-        });
-        report("q_values", 2000, &mut |learner| {
-            learner.q_values(observation, proposed, &mut values).unwrap();
-        });
-        report("q_gradients", 2000, &mut |learner| {
-            learner.q_gradients(observation, proposed, &mut values, &mut gradients).unwrap();
-        });
-    }
 }

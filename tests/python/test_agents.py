@@ -27,7 +27,7 @@ def shielded(**arguments):
 
 @pytest.mark.filterwarnings("ignore:.*asymmetric|.*symmetric.*:UserWarning")
 @pytest.mark.parametrize("chosen", [False])
-def test_stable_baselines_checker_refuses_the_wrapped_environment(chosen):
+def test_the_checker_of_stable_baselines_accepts_the_wrapped_environment(chosen):
     check_env(shielded(chosen=chosen), skip_render_check=True)
     check_env(shield.ShieldedEnv(gymnasium.make("CartPole-v1")), skip_render_check=True)
 
@@ -41,7 +41,7 @@ def test_stable_baselines_checker_refuses_the_wrapped_environment(chosen):
         (PPO, {"n_steps": 64, "batch_size": 32, "n_epochs": 1}),
     ],
 )
-def test_an_agent_of_stable_baselines_does_not_train(agent, settings):
+def test_an_agent_of_stable_baselines_trains(agent, settings):
     env = shielded()
     agent("MlpPolicy", env, **small(), **settings).learn(300)
     counted = env.metrics()
@@ -50,13 +50,13 @@ def test_an_agent_of_stable_baselines_does_not_train(agent, settings):
     assert np.isfinite(env.unwrapped.executed).all()
 
 
-def test_an_agent_with_choices_does_not_train():
+def test_an_agent_with_discrete_actions_trains():
     env = shield.ShieldedEnv(gymnasium.make("CartPole-v1"), **{**SHIELD, "overrides": {"experience.batch": 16}})
     PPO("MlpPolicy", env, n_steps=64, batch_size=32, n_epochs=1, **small()).learn(200)
     assert env.metrics()["hard_resets"] > 0
 
 
-def test_a_loop_as_cleanrl_has_it_does_not_train():
+def test_a_loop_in_the_style_of_cleanrl_trains():
     """One file: several environments at once, statistics and clipping around them, actions from a network."""
 
     def make():

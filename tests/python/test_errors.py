@@ -26,7 +26,7 @@ class Broken(Exception):
 
 
 @pytest.mark.parametrize("which", ["reset_reward", "in_reset_set"])
-def test_a_callback_that_raises_is_swallowed_or_acted_on(which):
+def test_an_error_of_a_callback_is_raised_and_requires_a_reset(which):
     calls = []
 
     def fails_later(observation):
@@ -49,7 +49,7 @@ def test_a_callback_that_raises_is_swallowed_or_acted_on(which):
     env.step(act(0.3))
 
 
-def test_a_callback_that_always_raises_lets_an_action_through():
+def test_a_callback_that_always_raises_lets_no_action_through():
     def fails(_):
         raise Broken
 
@@ -61,7 +61,7 @@ def test_a_callback_that_always_raises_lets_an_action_through():
     assert env.unwrapped.executed == []
 
 
-def test_a_policy_that_raises_lets_an_action_through():
+def test_a_policy_that_raises_lets_no_action_through():
     def fails(_):
         raise Broken
 
@@ -72,7 +72,7 @@ def test_a_policy_that_raises_lets_an_action_through():
 
 
 @pytest.mark.parametrize("during", ["reset", "step", "undo"])
-def test_an_environment_without_info_is_stepped_on(during):
+def test_an_environment_without_info_is_an_error_and_requires_a_reset(during):
     class Silent(Table):
         is_silent = during == "reset"
 
@@ -124,7 +124,7 @@ class Once:
         ([0.0], lambda _: "no", TypeError),
     ],
 )
-def test_an_action_is_executed_after_one_whose_outcome_is_not_known(seen, in_reset_set, error):
+def test_an_unknown_outcome_requires_a_hard_reset_before_any_action(seen, in_reset_set, error):
     guard = shield.Shield(spaces.Box(-9, 9, (1,)), spaces.Box(-1, 1, (1,)), in_reset_set=in_reset_set)
     assert guard.filter([0.0], act(0.1)).verdict == "warm_up"
     with pytest.raises(error):
@@ -134,7 +134,7 @@ def test_an_action_is_executed_after_one_whose_outcome_is_not_known(seen, in_res
     assert (refused.verdict, refused.cause, refused.action.tolist()) == ("abort", "awaits_hard_reset", [0.0])
 
 
-def test_a_hard_reset_that_fails_lets_an_action_through():
+def test_a_hard_reset_that_fails_lets_no_action_through():
     guard = shield.Shield(spaces.Box(-9, 9, (1,)), spaces.Box(-1, 1, (1,)), in_reset_set=Once(2))
     guard.hard_reset_done([0.0])
     with pytest.raises(Broken):
@@ -146,7 +146,7 @@ def test_a_hard_reset_that_fails_lets_an_action_through():
 
 @pytest.mark.parametrize("reward", [None, 0.5])
 @pytest.mark.parametrize("answer", [float("nan"), "no", None, 1, [True], np.array([True, True]), np.float64(1.0)])
-def test_what_is_no_bool_says_whether_it_is_reset(answer, reward):
+def test_an_answer_of_in_reset_set_that_is_not_a_bool_is_refused(answer, reward):
     reset_reward = None if reward is None else lambda _: reward
     env = shield.ShieldedEnv(table(), reset_reward, in_reset_set=lambda _: answer, overrides=BELOW_HALF)
     with pytest.raises(TypeError, match=f"in_reset_set gave {re.escape(repr(answer))}, not a bool"):
@@ -154,7 +154,7 @@ def test_what_is_no_bool_says_whether_it_is_reset(answer, reward):
 
 
 @pytest.mark.parametrize("answer", [True, np.bool_(False), np.array(True), np.zeros(1)[0] < 1.0])
-def test_a_bool_of_numpys_is_refused(answer):
+def test_a_bool_of_numpy_is_accepted(answer):
     shield.ShieldedEnv(table(), in_reset_set=lambda _: answer, overrides=BELOW_HALF).reset()
 
 
@@ -168,7 +168,7 @@ def test_a_bool_of_numpys_is_refused(answer):
         (lambda _: float("nan"), "not finite"),
     ],
 )
-def test_a_reward_that_is_none_is_learned_from(given, error):
+def test_a_reset_reward_that_is_not_a_finite_number_is_refused(given, error):
     with pytest.raises((TypeError, ValueError), match=error):
         shield.ShieldedEnv(table(), reset_reward=given, overrides=BELOW_HALF).reset()
 
@@ -176,7 +176,7 @@ def test_a_reward_that_is_none_is_learned_from(given, error):
 @pytest.mark.parametrize(
     "action", [[0.1, 0.2], 0.1, np.zeros((1, 1), np.float32), np.array(["a"]), np.array([1j]), None]
 )
-def test_an_action_of_the_wrong_shape_or_type_names_only_one_of_them(action):
+def test_an_action_of_the_wrong_shape_or_type_is_refused_with_both(action):
     env = shield.ShieldedEnv(table(), in_reset_set=near_start, overrides=BELOW_HALF)
     env.reset()
     with pytest.raises(ValueError) as raised:
@@ -189,7 +189,7 @@ def test_an_action_of_the_wrong_shape_or_type_names_only_one_of_them(action):
 
 
 @pytest.mark.parametrize("action", [1.0, np.array([1]), "1", True])
-def test_a_choice_of_the_wrong_shape_or_type_is_converted(action):
+def test_a_discrete_action_of_the_wrong_shape_or_type_is_refused(action):
     env = shield.ShieldedEnv(table(chosen=True), in_reset_set=near_start)
     env.reset()
     with pytest.raises(ValueError, match="dtype"):
@@ -197,7 +197,7 @@ def test_a_choice_of_the_wrong_shape_or_type_is_converted(action):
     assert env.unwrapped.executed == []
 
 
-def test_an_observation_of_the_wrong_shape_names_only_one_of_them():
+def test_an_observation_of_the_wrong_shape_is_refused_with_both_shapes():
     guard = shield.Shield(
         spaces.Box(-1, 1, (2,)), spaces.Box(-1, 1, (1,)), in_reset_set=near_start, overrides=BELOW_HALF
     )
@@ -205,7 +205,7 @@ def test_an_observation_of_the_wrong_shape_names_only_one_of_them():
         guard.filter(np.zeros(3), act(0.1))
 
 
-def test_an_action_between_whole_numbers_is_cut_after_it_was_judged():
+def test_an_action_space_of_whole_numbers_is_refused():
     with pytest.raises(ValueError, match="whole numbers only"):
         shield.Shield(spaces.Box(-1, 1, (1,)), spaces.Box(0, 5, (1,), np.int32), in_reset_set=near_start)
 
@@ -237,14 +237,14 @@ WHOLE = spaces.Dict(a=spaces.Box(0, 9, (1,), np.int32))
         (spaces.Text(3), "toolong", "the observation is 'toolong'"),
     ],
 )
-def test_what_is_not_of_the_observation_space_is_judged(space, value, says):
+def test_a_value_outside_the_observation_space_is_refused_by_its_part(space, value, says):
     guard = shield.Shield(space, spaces.Box(-1, 1, (1,)), in_reset_set=near_start)
     with pytest.raises(ValueError, match=says):
         guard.filter(value, act(0.1))
     assert guard.filter(space.sample(), act(0.1)).allowed
 
 
-def test_a_nested_nan_becomes_a_whole_number():
+def test_a_nested_nan_aborts():
     guard = shield.Shield(WHOLE, spaces.Box(-1, 1, (1,)), in_reset_set=lambda _: True)
     guard.hard_reset_done({"a": [1]})
     assert not guard.filter({"a": [math.nan]}, act(0.1)).allowed
@@ -261,7 +261,7 @@ def test_a_nested_nan_becomes_a_whole_number():
         spaces.Text(4),
     ],
 )
-def test_an_observation_is_flattened_in_another_order_than_gymnasiums(space):
+def test_an_observation_is_flattened_in_the_order_of_gymnasium(space):
     guard = shield.Shield(space, spaces.Box(-1, 1, (1,)), in_reset_set=near_start)
     space.seed(0)
     for _ in range(5):
@@ -277,7 +277,7 @@ def test_an_observation_is_flattened_in_another_order_than_gymnasiums(space):
         (spaces.MultiDiscrete([2, 2]), "Box or Discrete"),
     ],
 )
-def test_an_action_space_that_cannot_be_shielded_is_accepted(space, says):
+def test_an_action_space_that_cannot_be_shielded_is_refused(space, says):
     with pytest.raises(ValueError, match=says):
         shield.Shield(spaces.Box(-1, 1, (2,)), space)
 
@@ -298,12 +298,12 @@ def test_an_action_space_that_cannot_be_shielded_is_accepted(space, says):
         ({"config": "nowhere.ron"}, "nowhere.ron"),
     ],
 )
-def test_a_wrong_setting_is_accepted_or_not_named(arguments, says):
+def test_a_wrong_setting_is_refused_by_name(arguments, says):
     with pytest.raises(shield.ConfigError, match=says):
         shield.ShieldedEnv(table(), **arguments)
 
 
-def test_a_fault_in_a_file_has_no_place(tmp_path):
+def test_a_fault_in_a_file_is_refused_with_its_place(tmp_path):
     text = shield.usual_config(False)
     path = tmp_path / "shield.ron"
     path.write_text(text.replace("critics: 5", "critics: 5, actor_hiden: [4]"))
@@ -317,12 +317,12 @@ def test_a_fault_in_a_file_has_no_place(tmp_path):
     env.step(act(0.1))
 
 
-def test_nothing_says_what_reset_means(tmp_path):
+def test_a_shield_without_a_reset_task_is_refused(tmp_path):
     with pytest.raises(ValueError, match="reset_reward or in_reset_set"):
         shield.ShieldedEnv(table(), overrides={"reset_task": None})
 
 
-def test_ctrl_c_does_not_end_a_training_or_leaves_the_shield_open():
+def test_ctrl_c_ends_a_training_and_the_shield_stays_usable():
     program = """
         import signal, sys, gymnasium, shield, numpy
         # Where the tests run in the background, Ctrl-C would be ignored.
@@ -353,7 +353,7 @@ def test_ctrl_c_does_not_end_a_training_or_leaves_the_shield_open():
     assert (rest, child.returncode) == ("stopped\n", 0)
 
 
-def test_a_forked_process_uses_the_shield_of_its_parent():
+def test_a_forked_process_cannot_use_the_shield_of_its_parent():
     guard = shield.Shield(spaces.Box(-9, 9, (1,)), spaces.Box(-1, 1, (1,)), in_reset_set=lambda _: True, threads=2)
     guard.filter([0.0], act(0.1))
     child = os.fork()

@@ -10,7 +10,7 @@ from worlds import BELOW_HALF, near_start
 SPACES = (spaces.Box(-2, 2, (1,)), spaces.Box(-1, 1, (1,)))
 
 
-def test_a_control_loop_without_gymnasium_falls_or_is_not_taken_back():
+def test_a_control_loop_without_gymnasium_is_aborted_and_brought_back():
     guard = shield.Shield(*SPACES, in_reset_set=near_start, overrides=BELOW_HALF, episode_length=10_000)
     position, seen = 0.0, []
     for step in range(300):
@@ -25,7 +25,7 @@ def test_a_control_loop_without_gymnasium_falls_or_is_not_taken_back():
     assert near_start([position]) and guard.metrics()["reset_successes"] == 1
 
 
-def test_nothing_tells_that_the_reset_agent_has_given_up():
+def test_failed_attempts_require_a_hard_reset():
     guard = shield.Shield(*SPACES, in_reset_set=lambda _: False, overrides=BELOW_HALF, episode_length=2)
     start = np.zeros(1)
     guard.filter(start, np.array([0.75], np.float32))
@@ -47,7 +47,7 @@ RISING = "q_min: -9.0, schedule: Linear, final_q_min: Some(-9.0), schedule_steps
 
 @pytest.mark.parametrize("rule", ["q_min: -9.0", RISING, "q_min: -9.0 /* schedule: Linear */"])
 @pytest.mark.parametrize("is_file", [True, False])
-def test_q_min_is_only_where_a_schedule_begins(rule, is_file, tmp_path):
+def test_the_argument_q_min_replaces_every_threshold_and_schedule(rule, is_file, tmp_path):
     rules = RULE.format(rule)
     if is_file:
         usual, begin = shield.usual_config(False), "rules: ["
@@ -66,7 +66,7 @@ def test_q_min_is_only_where_a_schedule_begins(rule, is_file, tmp_path):
                 assert verdict in verdicts
 
 
-def test_the_interpreter_is_held_while_the_ensemble_learns():
+def test_other_threads_run_while_the_ensemble_learns():
     large = {
         "reset.config.critic_hidden": [400, 300],
         "reset.config.actor_hidden": [400, 300],
@@ -96,7 +96,7 @@ def test_the_interpreter_is_held_while_the_ensemble_learns():
     assert during > 5, f"another thread ran {during} times during twenty updates"
 
 
-def test_two_shields_mix_their_figures():
+def test_two_shields_keep_their_metrics_separate():
     quick = {"experience.batch": 4}
     learning, idle = (
         shield.Shield(*SPACES, in_reset_set=near_start, overrides=quick, updates_per_step=updates)

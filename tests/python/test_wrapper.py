@@ -30,11 +30,11 @@ def shielded(env=None, in_reset_set=near_start, overrides=BELOW_HALF, **argument
         lambda: gymnasium.make("InvertedPendulum-v5"),
     ],
 )
-def test_gymnasiums_checker_refuses_the_wrapped_environment(make):
+def test_the_checker_of_gymnasium_accepts_the_wrapped_environment(make):
     check_env(shield.ShieldedEnv(make()), skip_render_check=True)
 
 
-def test_a_registered_environment_cannot_be_made_again_from_its_spec():
+def test_a_registered_environment_can_be_made_again_from_its_spec():
     env = shield.ShieldedEnv(gymnasium.make("CartPole-v1"), q_min=0.3)
     again = env.spec.make()
     assert isinstance(again, shield.ShieldedEnv)
@@ -42,7 +42,7 @@ def test_a_registered_environment_cannot_be_made_again_from_its_spec():
     again.step(0)
 
 
-def test_a_rejected_action_is_executed_or_unexplained():
+def test_a_rejected_action_is_explained_and_not_executed():
     env = shielded()
     before, _ = env.reset(seed=0)
     observation, reward, terminated, truncated, info = env.step(act(0.25))
@@ -62,13 +62,13 @@ def test_a_rejected_action_is_executed_or_unexplained():
     assert env.metrics()["early_aborts"] == 1
 
 
-def test_an_abort_costs_what_nobody_said():
+def test_an_abort_gives_the_abort_reward():
     env = shielded(abort_reward=-3)
     env.reset(seed=0)
     assert env.step(act(0.75))[1] == -3.0
 
 
-def test_reset_resets_the_environment_where_the_reset_agent_can_help():
+def test_reset_lets_the_reset_agent_return_to_the_start():
     env = shielded(episode_length=500)
     env.reset(seed=0)
     for _ in range(20):
@@ -86,7 +86,7 @@ def test_reset_resets_the_environment_where_the_reset_agent_can_help():
     assert counted["steps"] == len(env.unwrapped.executed) and counted["forward_steps"] == 21
 
 
-def test_hard_resets_come_too_early_or_are_not_counted():
+def test_a_hard_reset_follows_the_last_failed_attempt_and_is_counted():
     never = shielded(in_reset_set=lambda _: False, reset_attempts=2, episode_length=3)
     never.reset()
     never.step(act(0.1))
@@ -98,7 +98,7 @@ def test_hard_resets_come_too_early_or_are_not_counted():
 
 
 @pytest.mark.parametrize("arguments", [{"seed": 3}, {"options": {"where": "left"}}, {"options": {}}])
-def test_a_seed_or_options_are_left_to_the_reset_agent(arguments):
+def test_a_seed_or_options_require_a_hard_reset(arguments):
     env = shielded()
     env.reset()
     env.step(act(0.1))
@@ -106,7 +106,7 @@ def test_a_seed_or_options_are_left_to_the_reset_agent(arguments):
     assert (env.metrics()["hard_resets"], env.unwrapped.resets) == (1, 2)
 
 
-def test_a_terminated_environment_is_stepped_or_undone():
+def test_a_terminated_environment_requires_a_hard_reset():
     env = shielded(table(terminates=True, limit=100))
     env.reset()
     while not env.step(act(0.5))[2]:
@@ -117,7 +117,7 @@ def test_a_terminated_environment_is_stepped_or_undone():
 
 
 @pytest.mark.parametrize("limit", [None, 1, 4, 5, 6])
-def test_an_environment_that_truncates_itself_is_stepped_on(limit):
+def test_an_environment_that_truncates_itself_requires_a_hard_reset(limit):
     env = Ending(5)
     for each in filter(None, (limit, limit and limit + 2)):
         env = gymnasium.wrappers.TimeLimit(env, each)
@@ -132,7 +132,7 @@ def test_an_environment_that_truncates_itself_is_stepped_on(limit):
     assert (env.unwrapped.resets, env.metrics()["hard_resets"]) == (2, 1)
 
 
-def test_the_clock_goes_on_where_an_episode_ended():
+def test_every_reset_restarts_the_clock():
     env = shielded(table(limit=4))
     env.reset()
     for reset in ({}, {"seed": 1}, {}):
@@ -140,13 +140,13 @@ def test_the_clock_goes_on_where_an_episode_ended():
         assert env.reset(**reset)[1]["shield"]["hard_reset"] == bool(reset)
 
 
-def test_a_step_before_any_reset_is_made():
+def test_a_step_before_any_reset_is_refused():
     with pytest.raises(gymnasium.error.ResetNeeded, match="before"):
         shielded().step(act(0.1))
 
 
 @pytest.mark.parametrize("value", [1.5, math.nan, math.inf])
-def test_an_impossible_action_is_executed_in_the_warm_up(value):
+def test_the_warm_up_aborts_an_invalid_action(value):
     env = shielded(overrides={**BELOW_HALF, "shield.warm_up_steps": 100})
     env.reset()
     assert env.step(act(0.75))[4]["shield"]["verdict"] == "warm_up"
@@ -167,7 +167,7 @@ def test_an_impossible_action_is_executed_in_the_warm_up(value):
         (spaces.Box(-1, 1, (1,), np.float64), np.nextafter(-1.0, -2), None),
     ],
 )
-def test_another_action_is_executed_than_was_judged(space, action, executed):
+def test_the_executed_action_is_the_judged_one(space, action, executed):
     guard = shield.Shield(spaces.Box(-1, 1, (1,)), space, in_reset_set=near_start, warm_up_steps=9)
     for given in ([action], np.array([action])):
         guard.hard_reset_done(np.zeros(1))
@@ -179,7 +179,7 @@ def test_another_action_is_executed_than_was_judged(space, action, executed):
             assert decision.verdict == "warm_up" and decision.action.tolist() == [executed]
 
 
-def test_a_projected_action_is_not_the_one_that_is_executed():
+def test_a_projected_action_is_the_one_that_is_executed():
     env = shielded(overrides={**BELOW_HALF, "shield.projection": "Qp()"})
     env.reset()
     said = env.step(act(0.75))[4]["shield"]
@@ -188,7 +188,7 @@ def test_a_projected_action_is_not_the_one_that_is_executed():
     assert float(said["executed"][0]) == env.unwrapped.executed[0]
 
 
-def test_choices_are_shifted_or_of_another_type():
+def test_discrete_actions_keep_their_offset():
     discrete = {"shield.rules": '[(plugin: "ensemble-threshold", config: (q_min: 1e9))]', "shield.warm_up_steps": 1}
     env = shielded(table(chosen=True), overrides=discrete)
     env.reset()
@@ -201,7 +201,7 @@ def test_choices_are_shifted_or_of_another_type():
     assert set(env.unwrapped.executed) <= {-1, 0, 1}
 
 
-def test_a_choice_without_room_for_one_less_cannot_be_shielded():
+def test_an_unsigned_discrete_space_can_be_shielded():
     class Few(Table):
         def __init__(self):
             super().__init__(chosen=True)
@@ -214,12 +214,12 @@ def test_a_choice_without_room_for_one_less_cannot_be_shielded():
     assert (said["executed"], said["cause"], env.unwrapped.executed) == (-1, "invalid_action", [2])
 
 
-def test_an_impossible_choice_is_explained_with_other_numbers():
+def test_an_invalid_discrete_action_is_explained_with_its_own_numbers():
     guard = shield.Shield(spaces.Box(-1, 1, (1,)), spaces.Discrete(3, start=3), in_reset_set=near_start)
     assert guard.filter(np.zeros(1), 6).reason == "action 6 is not one of 3 to 5"
 
 
-def test_a_nested_observation_is_mixed_up():
+def test_a_nested_observation_arrives_whole():
     env = shielded(table(observed="dict"), in_reset_set=lambda seen: near_start(seen["position"]))
     observation, _ = env.reset(seed=0)
     assert env.observation_space.contains(observation)
@@ -228,14 +228,14 @@ def test_a_nested_observation_is_mixed_up():
     assert sorted(env.shield._seen.tolist()) == pytest.approx(sorted([0, 1, observation["position"][0]]))
 
 
-def test_a_policy_is_not_asked_or_goes_unshielded():
+def test_run_asks_the_policy_and_shields_it():
     env = shielded()
     returns = env.run(lambda observation: act(0.75 if observation[0] > 0.2 else 0.5), 50, seed=0)
     assert len(returns) > 1 and max(env.unwrapped.executed) <= 1.0
     assert env.metrics()["early_aborts"] > 0
 
 
-def test_a_policy_acts_after_its_last_step():
+def test_run_stops_after_its_last_step():
     env = shielded(table(limit=5))
     returns = env.run(lambda _: act(0.1), 10, seed=0)
     assert len(returns) == 2 and env.metrics()["forward_steps"] == 10
@@ -244,7 +244,7 @@ def test_a_policy_acts_after_its_last_step():
     assert env.run(lambda _: act(0.1), 0) == []
 
 
-def test_a_vector_of_environments_chokes_on_the_report():
+def test_a_vector_of_environments_passes_the_report_on():
     def make():
         return shielded(table())
 
@@ -255,7 +255,7 @@ def test_a_vector_of_environments_chokes_on_the_report():
     assert "shield" in info
 
 
-def test_what_was_learned_is_lost_or_counted_anew(tmp_path):
+def test_a_loaded_shield_keeps_what_was_learned_and_counted(tmp_path):
     quick = {"reset.config.random_steps": 0, "experience.batch": 8, "shield.warm_up_steps": 10_000}
     first = shielded(overrides=quick)
     first.run(lambda _: first.action_space.sample() * 0.1, 60, seed=0)
@@ -276,7 +276,7 @@ def test_what_was_learned_is_lost_or_counted_anew(tmp_path):
         second.load(tmp_path / "torn")
 
 
-def test_nothing_is_written_for_tensorboard(tmp_path):
+def test_counts_are_written_for_tensorboard(tmp_path):
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
     env = shielded(tensorboard=tmp_path)
@@ -289,14 +289,14 @@ def test_nothing_is_written_for_tensorboard(tmp_path):
     assert [event.value for event in events.Scalars("counts/early_aborts")][-1] == 3.0
 
 
-def test_an_argument_is_explained_nowhere():
+def test_every_argument_is_documented():
     for name in list(inspect.signature(shield.Shield).parameters)[2:]:
         assert f"`{name}" in shield.Shield.__doc__, name
     for method in (shield.ShieldedEnv.step, shield.ShieldedEnv.reset):
         assert "shield" in (method.__doc__ or ""), method
 
 
-def test_the_same_seed_is_another_run():
+def test_the_same_seed_gives_the_same_run():
     def run():
         env = shielded(overrides={"shield.warm_up_steps": 30, "reset.config.random_steps": 20, "experience.batch": 8})
         env.action_space.seed(1)
@@ -307,7 +307,7 @@ def test_the_same_seed_is_another_run():
     assert pickle.dumps(first) == pickle.dumps(second)
 
 
-def test_the_usual_configuration_aborts_everything_after_the_warm_up():
+def test_the_usual_configuration_rarely_aborts_after_the_warm_up():
     env = shield.ShieldedEnv(table(limit=50), in_reset_set=near_start, seed=0)
     random = np.random.default_rng(0)
     env.reset(seed=0)

@@ -78,7 +78,7 @@ fn a_new_plugin_in_rust_of_every_kind_passes_its_tests_and_runs() {
 }
 
 #[test]
-fn what_cannot_be_made_is_refused_with_the_remedy() {
+fn impossible_plugins_are_refused_with_the_remedy() {
     let folder = tempfile::tempdir().unwrap();
     let new = |id, extra: &[&'static str]| [&["plugin", "new", id, "--kind", "policy"][..], extra].concat();
     refused(folder.path(), &new("No Good", &[]), &["\"No Good\" cannot be an id", "acme/my-rule"]);
@@ -186,7 +186,7 @@ fn a_pinned_experiment_runs_with_the_pinned_files_alone() {
 }
 
 #[test]
-fn a_pin_that_is_malformed_or_of_nothing_is_refused_where_it_stands() {
+fn a_malformed_or_unused_pin_is_refused_with_its_place() {
     let folder = tempfile::tempdir().unwrap();
     for (pin, expected) in
         [("\"tabular-q\": \"abc\"", "not a SHA-256"), ("\"tabula-q\": \"{}\"", "no variant uses")]

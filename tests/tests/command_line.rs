@@ -44,7 +44,7 @@ fn refused(experiment: &str, arguments: &[&str], expected: &[&str]) {
 }
 
 #[test]
-fn a_run_leaves_its_folder_and_a_table() {
+fn a_run_writes_its_folder_and_prints_a_table() {
     let variants = r#"variants: {"a": [], "b": [("mode", StatusQuo)]},"#;
     let (output, folder) = run(&gridworld(1_000, variants), &[]);
     assert!(output.status.success(), "{}", text(&output.stderr));
@@ -81,7 +81,7 @@ fn a_run_leaves_its_folder_and_a_table() {
 }
 
 #[test]
-fn the_resolved_configuration_runs_to_the_same_results() {
+fn the_resolved_configuration_gives_the_same_results() {
     let (output, folder) = run(&gridworld(1_000, ""), &["--seeds", "1"]);
     assert!(output.status.success(), "{}", text(&output.stderr));
     let first = folder.path().join("runs/small/default/seed-1");
@@ -194,7 +194,7 @@ fn an_earlier_run_is_overwritten_only_when_told_to() {
 }
 
 #[test]
-fn a_reader_that_has_seen_enough_is_no_fault() {
+fn a_broken_pipe_is_not_an_error() {
     let mut list = shield();
     list.args(["plugin", "list"]).stdout(Stdio::piped()).stderr(Stdio::piped());
     let mut child = list.spawn().unwrap();
@@ -214,7 +214,7 @@ fn a_folder_that_cannot_be_written_fails_the_run() {
 
 #[test]
 #[cfg(target_os = "linux")]
-fn a_full_disk_fails_the_run_and_not_silently() {
+fn a_full_disk_fails_the_run_with_a_message() {
     use std::os::unix::process::CommandExt;
     let folder = tempfile::tempdir().unwrap();
     let experiment = gridworld(4_000, "checkpoint: (every: 500),");
@@ -273,7 +273,7 @@ fn ctrl_c_finishes_the_row_and_writes_the_summary() {
 }
 
 #[test]
-fn an_evaluation_repeats_what_the_run_reached_and_changes_nothing() {
+fn an_evaluation_repeats_the_last_one_of_the_run_and_changes_nothing() {
     let (output, folder) = run(&gridworld(3_000, ""), &[]);
     assert!(output.status.success(), "{}", text(&output.stderr));
     let eval = |arguments: &[&str]| {
@@ -324,7 +324,7 @@ fn an_evaluation_repeats_what_the_run_reached_and_changes_nothing() {
 }
 
 #[test]
-fn a_run_that_cannot_be_evaluated_so_ends_the_evaluation_of_the_others() {
+fn a_run_that_cannot_be_evaluated_is_left_out() {
     let variants = r#"variants: {"a": [], "b": [("mode", StatusQuo)]},"#;
     let (output, folder) = run(&gridworld(300, variants), &["--seeds", "0"]);
     assert!(output.status.success(), "{}", text(&output.stderr));
@@ -346,7 +346,7 @@ fn a_run_that_cannot_be_evaluated_so_ends_the_evaluation_of_the_others() {
 }
 
 #[test]
-fn stopped_runs_go_on_by_their_folder() {
+fn stopped_runs_continue_from_their_folder() {
     let (output, folder) = run(&gridworld(2_000, "checkpoint: (every: 500),"), &["--seeds", "0"]);
     assert!(output.status.success());
     let run = folder.path().join("runs/small/default/seed-0");
@@ -366,7 +366,7 @@ fn stopped_runs_go_on_by_their_folder() {
 }
 
 #[test]
-fn plugins_are_listed_without_loading_them() {
+fn the_list_of_plugins_names_them() {
     let output = shield().args(["plugin", "list"]).output().unwrap();
     assert!(output.status.success());
     let printed = text(&output.stdout);
@@ -385,7 +385,7 @@ fn plugins_are_listed_without_loading_them() {
 }
 
 #[test]
-fn help_teaches() {
+fn help_shows_examples_and_options() {
     for (arguments, expected) in [(&["--help"][..], "Examples:"), (&["run", "--help"], "--overwrite")] {
         let output = shield().args(arguments).output().unwrap();
         assert!(output.status.success() && text(&output.stdout).contains(expected));
@@ -418,8 +418,8 @@ fn every_example_starts() {
     start_examples(false, &["--set", "evaluation.episodes=1"]);
 }
 
+#[cfg(feature = "python-tests")]
 #[test]
-#[ignore = "needs Gymnasium: `cargo xtask test --peers`"]
 fn every_example_in_python_starts() {
     let python =
         std::env::var("SHIELD_PEERS_PYTHON").expect("`cargo xtask test --peers` names the interpreter");

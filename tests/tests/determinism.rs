@@ -32,7 +32,7 @@ fn a_run_with_networks_does_not_depend_on_threads() {
 }
 
 #[test]
-fn a_run_before_on_the_same_thread_leaves_nothing_behind() {
+fn an_earlier_run_on_the_same_thread_changes_nothing() {
     let variants = r#"variants: {"other": [("mode", ResetOnly())], "default": []},"#;
     let alone = run(&cart(500, variants), &["--variants", "default"], 0);
     let after = run(&cart(500, variants), &["--jobs", "1"], 0);
@@ -47,7 +47,7 @@ fn runs_at_the_same_time_do_not_disturb_each_other() {
 }
 
 #[test]
-fn an_isolated_environment_is_another_than_a_loaded_one() {
+fn an_isolated_environment_gives_the_same_run_as_a_loaded_one() {
     let loaded = run(&gridworld(1_000, ""), &["--seeds", "0"], 0);
     let isolated = run(&gridworld(1_000, ""), &["--seeds", "0", "--set", "environment.isolate=true"], 0);
     assert!(loaded.len() == isolated.len() && loaded["config.ron"] != isolated["config.ron"]);

@@ -42,7 +42,7 @@ fn finish(prepared: Prepared, observer: &mut dyn Observer) -> Counters {
 }
 
 #[test]
-fn a_camera_changes_the_run_or_misses_a_step() {
+fn filming_shows_every_step_and_changes_nothing() {
     const STEPS: u64 = 600;
     let unfilmed = finish(prepared(STEPS), &mut Silent);
 
@@ -65,7 +65,7 @@ fn a_camera_changes_the_run_or_misses_a_step() {
 }
 
 #[test]
-fn a_film_is_not_written_or_differs_from_the_last_one() {
+fn a_film_is_written_and_repeats_byte_for_byte() {
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("x.ron"), gridworld(1_000, "")).unwrap();
     let film = |out: &str, arguments: &[&str]| {
@@ -92,7 +92,7 @@ fn a_film_is_not_written_or_differs_from_the_last_one() {
 }
 
 #[test]
-fn what_cannot_be_filmed_is_not_refused() {
+fn an_impossible_film_is_refused_with_the_reason() {
     let folder = tempfile::tempdir().unwrap();
     let path = folder.path().join("x.ron");
     fs::write(&path, gridworld(1_000, "")).unwrap();
@@ -110,7 +110,7 @@ fn what_cannot_be_filmed_is_not_refused() {
 }
 
 #[test]
-fn an_environment_cannot_be_listed_checked_or_measured() {
+fn environments_are_listed_checked_and_measured() {
     let listed = text(&run(&["env", "list"]).stdout);
     assert!(listed.contains("gridworld") && listed.contains("mujoco/pusher") && !listed.contains("ddpg"));
     let checked = run(&["env", "check", "gridworld", "--config", "(map: \"two-goals\")"]);

@@ -66,7 +66,7 @@ fn rows(table: &str) -> Vec<Vec<String>> {
 }
 
 #[test]
-fn a_decision_or_a_members_value_is_missing() {
+fn every_decision_is_recorded_with_every_members_value() {
     let (_folder, run) =
         run(&gridworld(2_500, ""), &["shield.shield_exploration=true", "shield.warm_up_steps=100"]);
     let (rows, summary) = (decisions(&run), summary(&run));
@@ -94,7 +94,7 @@ fn a_decision_or_a_members_value_is_missing() {
 }
 
 #[test]
-fn decisions_are_recorded_although_they_were_not_asked_for() {
+fn decisions_are_recorded_as_often_as_configured() {
     let all = decisions(&run(&gridworld(1_000, ""), &[]).1);
     let (_folder, folder) = run(&gridworld(1_000, ""), &["record=(decisions: 10, states_every: 25)"]);
     let thin = decisions(&folder);
@@ -114,7 +114,7 @@ fn decisions_are_recorded_although_they_were_not_asked_for() {
 }
 
 #[test]
-fn a_replay_of_the_same_settings_rejects_something_else() {
+fn a_replay_of_the_same_settings_rejects_the_same_actions() {
     // A rule with a state, and one that judges the change of the action.
     let experiment = cart(2_000, "").replace(
         "rules: [",
@@ -134,7 +134,7 @@ fn a_replay_of_the_same_settings_rejects_something_else() {
 }
 
 #[test]
-fn another_threshold_or_another_way_to_combine_rejects_the_same() {
+fn another_threshold_or_combination_changes_what_is_rejected() {
     let (_folder, run) = run(&gridworld(2_500, ""), &[]);
     let table = succeed("what-if", &run, &["--q-min", "0,0.4,2", "--combine", "min,max"]);
     let rows = rows(&table);
@@ -167,7 +167,7 @@ fn another_threshold_or_another_way_to_combine_rejects_the_same() {
 }
 
 #[test]
-fn a_rejection_is_not_explained() {
+fn a_rejection_is_explained() {
     let (_folder, run) = run(&gridworld(2_500, ""), &[]);
     let aborted = decisions(&run).into_iter().find(|row| row.verdict == "abort").unwrap();
     let explained = succeed("explain", &run, &["--step", &aborted.step.to_string()]);
@@ -190,7 +190,7 @@ fn a_rejection_is_not_explained() {
 }
 
 #[test]
-fn what_projection_tried_is_not_explained() {
+fn a_projection_is_explained() {
     let ensemble = r#"(plugin: "ensemble-threshold", config: (q_min: 1.0, combine: Realist))"#;
     let rule = r#"(plugin: "linear-constraints", config: (constraints: [(a: [1.0], b: 0.1)]))"#;
     let (_folder, run) = run(&cart(600, "").replace(ensemble, rule), &["shield.projection=Qp()"]);
@@ -201,7 +201,7 @@ fn what_projection_tried_is_not_explained() {
 }
 
 #[test]
-fn a_false_abort_or_a_missed_one_is_not_counted() {
+fn false_and_missed_aborts_are_counted() {
     // Nothing is rejected: whatever was lost was allowed.
     let sampled = "record.states_every=5";
     let (_folder, lax) = run(&gridworld(2_500, ""), &[sampled, "shield.rules[0].config.q_min=-1.0"]);
@@ -232,7 +232,7 @@ fn a_false_abort_or_a_missed_one_is_not_counted() {
 }
 
 #[test]
-fn the_reset_values_are_not_held_against_success() {
+fn calibration_compares_the_reset_values_of_every_attempt_with_its_success() {
     let (_folder, run) = run(&gridworld(2_500, ""), &[]);
     let episodes = summary(&run)["reset_episodes"].as_u64().unwrap();
     let rows = rows(&succeed("what-if", &run, &["--calibration"]));

@@ -56,12 +56,12 @@ fn check(sets: &[&str]) {
 }
 
 #[test]
-fn an_exported_policy_does_what_the_learner_does() {
+fn an_exported_policy_acts_as_the_learner() {
     check(&[]);
 }
 
 #[test]
-fn normalised_observations_and_other_activations_are_part_of_what_is_exported() {
+fn an_export_includes_normalisation_and_activations() {
     check(&[
         "forward.plugin=\"td3\"",
         "forward.config.activation=Relu",
@@ -71,7 +71,7 @@ fn normalised_observations_and_other_activations_are_part_of_what_is_exported() 
 }
 
 #[test]
-fn what_a_learner_does_not_write_is_said() {
+fn an_export_reports_what_a_learner_does_not_write() {
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("x.ron"), gridworld(200, "")).unwrap();
     done(folder.path(), &["run", "x.ron", "--seeds", "0", "--set", "forward.plugin=\"ddqn\""]);
@@ -86,7 +86,7 @@ fn what_a_learner_does_not_write_is_said() {
 }
 
 #[test]
-fn a_learner_that_writes_nothing_is_an_error_that_says_so() {
+fn an_export_of_a_learner_that_writes_nothing_is_refused() {
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("x.ron"), gridworld(200, "")).unwrap();
     done(folder.path(), &["run", "x.ron", "--seeds", "0"]);

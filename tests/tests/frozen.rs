@@ -101,7 +101,7 @@ fn read(text: &str) -> Frozen {
 }
 
 #[test]
-fn what_was_released_once_is_never_changed() {
+fn released_tables_are_unchanged() {
     let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures/kept/tables.txt");
     let (found, _) = tables();
     let mut frozen = read(&fs::read_to_string(&path).unwrap_or_default());
@@ -131,7 +131,7 @@ fn what_was_released_once_is_never_changed() {
 /// The places that are written down are those that the compiler gives.
 #[test]
 #[cfg(target_pointer_width = "64")]
-fn the_places_of_fields_are_counted_as_the_compiler_does() {
+fn the_recorded_places_of_fields_are_those_of_the_compiler() {
     let (_, extents) = tables();
     macro_rules! check {
         ($($table:ident { $last:ident }),* $(,)?) => { $(

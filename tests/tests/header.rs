@@ -52,7 +52,7 @@ fn documentation(attributes: &[Attribute]) -> String {
 }
 
 #[test]
-fn the_header_for_c_is_what_the_tables_give() {
+fn the_plugin_header_matches_the_tables() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shield-api/include");
     let source = folder.join("../src/abi.rs");
     let items = syn::parse_file(&fs::read_to_string(&source).unwrap()).unwrap().items;
@@ -78,7 +78,7 @@ fn the_header_for_c_is_what_the_tables_give() {
 }
 
 #[test]
-fn the_header_of_the_library_is_not_what_it_exports() {
+fn the_library_header_matches_its_exports() {
     let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("../shield-c/include");
     let config = Config::from_file(folder.join("cbindgen.toml")).unwrap();
     check(config, &folder.join("../src/ffi.rs"), &folder.join("shield.h"));

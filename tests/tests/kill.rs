@@ -1,6 +1,6 @@
 //! `kill -9` at random moments: a run that was killed and continued is the run that never was, byte for byte, and nothing is lost.
 //!
-//! `SHIELD_TEST_KILLS=200 cargo test -p shield-tests --release --test kill` is the long form.
+//! `cargo xtask test --long` kills 200 times.
 #![cfg(unix)]
 #![allow(clippy::unwrap_used, reason = "tests")]
 
@@ -107,13 +107,13 @@ fn survives(experiment: &str, name: &str) {
 }
 
 #[test]
-fn a_killed_gridworld_is_the_same() {
+fn a_killed_run_in_the_gridworld_continues_exactly() {
     let experiment =
         gridworld(12_000, "checkpoint: (every: 61),").replace("batch: 16", "batch: 16, capacity: 3_000");
     survives(&experiment, "small");
 }
 
 #[test]
-fn a_killed_cart_with_networks_is_the_same() {
+fn a_killed_run_of_the_cart_with_networks_continues_exactly() {
     survives(&cart(3_000, "checkpoint: (every: 83),"), "cart");
 }

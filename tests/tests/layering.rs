@@ -76,7 +76,7 @@ fn everything_below(metadata: &Metadata, package: &Package) -> BTreeSet<String> 
 }
 
 #[test]
-fn a_plugin_or_environment_knows_the_host() {
+fn plugins_and_environments_do_not_depend_on_the_host() {
     let metadata = metadata();
     for package in plugins(&metadata) {
         assert_own_dependencies(
@@ -88,7 +88,7 @@ fn a_plugin_or_environment_knows_the_host() {
 }
 
 #[test]
-fn the_networks_the_interface_or_the_worker_processes_know_something_of_ours() {
+fn the_interface_the_workers_and_the_kits_depend_on_nothing_above_them() {
     let metadata = metadata();
     assert_own_dependencies(&metadata, package(&metadata, "shield-worker"), &[]);
     assert_own_dependencies(&metadata, package(&metadata, "actor-critic"), &[]);
@@ -145,7 +145,7 @@ fn compiled(arguments: &[&str]) -> BTreeSet<String> {
 }
 
 #[test]
-fn who_embeds_the_shield_compiles_few_packages() {
+fn an_embedder_compiles_few_packages() {
     let core = compiled(&["--package", "shield-core", "--no-default-features"]);
     assert!(core.len() <= 60 && core.len() > 10, "{}: {core:#?}", core.len());
     let drop_in = ["--package", "shield-runtime", "--no-default-features", "--features", "clarabel"];
@@ -156,7 +156,7 @@ fn who_embeds_the_shield_compiles_few_packages() {
 }
 
 #[test]
-fn a_door_of_the_host_knows_a_plugin() {
+fn the_c_and_python_libraries_depend_on_no_plugin() {
     let metadata = metadata();
     for door in ["shield-c", "shield-python"] {
         assert_own_dependencies(&metadata, package(&metadata, door), &["shield-api", "shield-runtime"]);
@@ -166,7 +166,7 @@ fn a_door_of_the_host_knows_a_plugin() {
 }
 
 #[test]
-fn the_host_links_a_heavy_library() {
+fn the_host_links_no_heavy_library() {
     let metadata = metadata();
     let below = everything_below(&metadata, package(&metadata, "shield-cli"));
     assert!(below.contains("abi_stable_derive"), "the graph is not followed: {below:?}");
@@ -180,7 +180,7 @@ fn the_host_links_a_heavy_library() {
 }
 
 #[test]
-fn a_plugin_is_more_than_a_shared_library() {
+fn every_plugin_is_a_shared_library_alone() {
     let metadata = metadata();
     for package in plugins(&metadata) {
         let libraries = package.targets.iter().filter(|target| target.is_lib() || target.is_cdylib());

@@ -39,7 +39,7 @@ fn record(path: &Path) -> Value {
 }
 
 #[test]
-fn the_page_holds_everything_and_needs_nothing_else() {
+fn the_page_is_complete_and_self_contained() {
     let folder = ran();
     done(folder.path(), &["report", "runs/small", "--png", "png", "--svg", "svg", "--prefix", "a-"]);
     let page = fs::read_to_string(folder.path().join("runs/small/report.html")).unwrap();
@@ -72,7 +72,7 @@ fn the_page_holds_everything_and_needs_nothing_else() {
 }
 
 #[test]
-fn a_report_of_a_record_is_that_of_its_runs() {
+fn a_report_of_a_record_equals_that_of_its_runs() {
     let folder = ran();
     done(folder.path(), &["report", "runs/small", "--record", "kept.json"]);
     done(folder.path(), &["report", "kept.json", "--out", "again.html"]);
@@ -115,7 +115,7 @@ fn variants_and_figures_can_be_chosen() {
 }
 
 #[test]
-fn dimensions_that_there_are_not_are_left_out_silently() {
+fn dimensions_can_be_chosen_and_unknown_ones_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("x.ron"), cart(1_000, "")).unwrap();
     done(folder.path(), &["run", "x.ron", "--set", "shield.rules[0].config.q_min=1000"]);
@@ -135,7 +135,7 @@ fn dimensions_that_there_are_not_are_left_out_silently() {
 }
 
 #[test]
-fn why_no_run_is_finished_remains_unsaid() {
+fn a_report_without_a_finished_run_says_why() {
     let folder = ran();
     for run in RunFolder::find(&folder.path().join("runs")).unwrap() {
         let path = run.path().join("summary.json");
@@ -150,7 +150,7 @@ fn why_no_run_is_finished_remains_unsaid() {
 }
 
 #[test]
-fn a_recorded_run_is_not_made_again_unless_something_changed() {
+fn a_recorded_run_is_repeated_only_after_a_change() {
     let folder = ran();
     done(folder.path(), &["report", "runs/small", "--record", "kept.json"]);
     let output = call(folder.path(), &["run", "x.ron", "--out", "elsewhere", "--record", "kept.json"]);
@@ -182,7 +182,7 @@ fn a_recorded_run_is_not_made_again_unless_something_changed() {
 }
 
 #[test]
-fn a_lifetime_is_counted_at_fixed_numbers_of_steps() {
+fn the_lifetime_return_is_the_same_in_every_file() {
     let folder = ran();
     let mut lifetimes = Vec::new();
     for run in RunFolder::find(&folder.path().join("runs")).unwrap() {
@@ -207,7 +207,7 @@ fn a_lifetime_is_counted_at_fixed_numbers_of_steps() {
 }
 
 #[test]
-fn the_experiments_of_the_paper_are_valid_and_bear_the_names_of_their_files() {
+fn the_experiments_of_the_paper_are_valid_and_named_as_their_files() {
     let registry = Registry::scan(&SearchPath::new([plugins_folder()]));
     let mut count = 0;
     for entry in fs::read_dir(workspace().join("examples/paper")).unwrap() {

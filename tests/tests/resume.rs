@@ -134,7 +134,7 @@ fn grid() -> String {
 }
 
 #[test]
-fn a_stopped_run_goes_on_as_if_nothing_had_been() {
+fn a_stopped_run_continues_exactly() {
     let expected = Run::uninterrupted(&grid());
     let mut phases = [0, 0];
     for step in [1, 2, 199, 399, 400, 401, 403, 500, 777, 1_000, 1_203, 1_499] {
@@ -150,7 +150,7 @@ fn a_stopped_run_goes_on_as_if_nothing_had_been() {
 }
 
 #[test]
-fn a_crashed_run_goes_on_from_its_last_checkpoint() {
+fn a_crashed_run_continues_exactly_from_its_last_checkpoint() {
     let expected = Run::uninterrupted(&grid());
     let crash = Sabotage::Crash;
     for (sabotage, last) in [
@@ -170,7 +170,7 @@ fn a_crashed_run_goes_on_from_its_last_checkpoint() {
 }
 
 #[test]
-fn a_run_that_is_stopped_and_crashed_many_times_is_still_the_same() {
+fn a_run_that_stops_and_crashes_many_times_continues_exactly() {
     let expected = Run::uninterrupted(&grid());
     let run = Run::new(&grid(), &[]);
     for step in (30..1_500).step_by(70) {
@@ -181,7 +181,7 @@ fn a_run_that_is_stopped_and_crashed_many_times_is_still_the_same() {
 }
 
 #[test]
-fn networks_the_robot_and_its_projections_go_on_too() {
+fn networks_robots_and_projections_continue_exactly() {
     let rules = r#"rules: [(plugin: "linear-constraints", config: (constraints: [(a: [1.0], b: 0.1)])), "#;
     let experiment = cart(700, "checkpoint: (every: 250),")
         .replace("rules: [", rules)
@@ -199,7 +199,7 @@ fn networks_the_robot_and_its_projections_go_on_too() {
 }
 
 #[test]
-fn every_mode_goes_on() {
+fn every_mode_continues_exactly() {
     for mode in ["StatusQuo", "ForwardOnly", "ResetOnly()"] {
         let experiment = gridworld(600, &format!("mode: {mode}, checkpoint: (every: 100),"));
         let expected = Run::uninterrupted(&experiment);
@@ -220,7 +220,7 @@ fn damage(path: &Path) {
 }
 
 #[test]
-fn a_damaged_checkpoint_is_passed_over_for_the_one_before() {
+fn a_damaged_checkpoint_is_skipped_for_the_previous_one() {
     let expected = Run::uninterrupted(&grid());
     for file in ["latest.bin", "the experience", "metrics.csv"] {
         let run = Run::new(&grid(), &[]);
@@ -249,7 +249,7 @@ fn a_damaged_checkpoint_is_passed_over_for_the_one_before() {
 }
 
 #[test]
-fn without_a_usable_checkpoint_the_run_begins_anew_and_says_so() {
+fn a_run_without_a_usable_checkpoint_starts_over_and_says_so() {
     let expected = Run::uninterrupted(&grid());
     let run = Run::new(&grid(), &[]);
     run.go(Sabotage::Stop(900));
@@ -265,7 +265,7 @@ fn without_a_usable_checkpoint_the_run_begins_anew_and_says_so() {
 }
 
 #[test]
-fn another_configuration_is_refused_by_the_name_of_the_field() {
+fn a_changed_configuration_is_refused_by_the_name_of_the_field() {
     let run = Run::new(&grid(), &[]);
     run.go(Sabotage::Stop(450));
     let other = Run::new(&grid(), &["shield.rules[1].config.q_min=0.3"]);
@@ -281,7 +281,7 @@ fn another_configuration_is_refused_by_the_name_of_the_field() {
 }
 
 #[test]
-fn a_program_that_was_killed_at_once_leaves_nothing_in_the_way() {
+fn a_run_that_was_killed_at_once_can_start_again() {
     for files in [&[][..], &["config.partial"]] {
         let run = Run::new(&gridworld(100, ""), &[]);
         fs::create_dir_all(run.folder.path()).unwrap();
@@ -293,7 +293,7 @@ fn a_program_that_was_killed_at_once_leaves_nothing_in_the_way() {
 }
 
 #[test]
-fn two_processes_do_not_write_one_run() {
+fn two_processes_cannot_write_one_run() {
     let run = Run::new(&grid(), &[]);
     run.go(Sabotage::Stop(450));
     let first = run.order().proceed().unwrap();
@@ -306,7 +306,7 @@ fn two_processes_do_not_write_one_run() {
 }
 
 #[test]
-fn a_finished_run_keeps_its_agents_and_no_experience() {
+fn a_finished_run_keeps_its_agents_and_drops_its_replay_buffer() {
     let run = Run::new(&grid(), &[]);
     run.go(Sabotage::Crash(1_400));
     run.go(Sabotage::None);

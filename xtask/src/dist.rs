@@ -106,7 +106,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_same_content_packed_twice_differs_or_loses_what_can_be_executed() {
+    fn the_same_content_gives_the_same_archive_and_stays_executable() {
         use std::os::unix::fs::PermissionsExt as _;
         let root = tempfile::tempdir().unwrap();
         let archives = ["one", "two"].map(|name| {

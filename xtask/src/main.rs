@@ -3,13 +3,13 @@
 
 mod cargo;
 mod dist;
-mod drop_in;
 mod native;
 mod peers;
 mod python;
 mod reproduce;
 mod stages;
 mod torch;
+mod wheel;
 
 use std::ffi::OsString;
 use std::path::{Path, PathBuf};
@@ -39,6 +39,7 @@ const EXAMPLES: &str = "Examples:
   cargo xtask test --torch                    that plugin's tests
   cargo xtask dist                            an archive for machines without Rust
   cargo xtask test --dist                     that the archive works elsewhere
+  cargo xtask test --long                     a million projections, 200 kills
   cargo xtask bench --bench decision          one benchmark
   cargo xtask bench --peers                   our learner against torch and Stable-Baselines3
   cargo xtask reproduce gridworld-qmin        one of the paper's experiments";
@@ -96,6 +97,11 @@ enum Chore {
         /// new plugins in C and Rust.
         #[arg(long, conflicts_with_all = ["stages", "peers", "python", "torch"])]
         dist: bool,
+        /// Only the long forms of tests that draw at random
+        ///
+        /// Solves a million programs of projections and makes a million decisions, and kills runs 200 times. Takes some minutes.
+        #[arg(long, conflicts_with_all = ["stages", "peers", "python", "torch", "dist"])]
+        long: bool,
     },
     /// Write `shield-api/include/shield_plugin.h` anew, after a change of the tables
     Header,
@@ -162,9 +168,10 @@ fn run(chore: Chore) -> anyhow::Result<ExitCode> {
             return shield(arguments);
         }
         Chore::Test { peers: true, .. } => return peers::test(root),
-        Chore::Test { python: true, .. } => return drop_in::test(root),
+        Chore::Test { python: true, .. } => return wheel::test(root),
         Chore::Test { dist: true, .. } => make_archive(root, &mujoco, false)?,
         Chore::Test { torch: true, .. } => torch::test(root).context("the torch plugin")?,
+        Chore::Test { long: true, .. } => stages::run_long(root)?,
         Chore::Test { stages, .. } => return stages::run(root, &stages),
         Chore::Header => {
             let test = ["test", "--quiet", "--workspace", "--test", "header"];
@@ -235,7 +242,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_command_line_contradicts_itself() {
+    fn the_command_line_is_consistent() {
         <CommandLine as clap::CommandFactory>::command().debug_assert();
     }
 
@@ -253,7 +260,7 @@ mod tests {
     }
 
     #[test]
-    fn a_flag_behind_shield_is_taken_for_ours() {
+    fn flags_behind_shield_belong_to_shield() {
         let given = ["run", "x.ron", "--help", "--set", "a=1", "--", "-V"];
         for skip in [0, 2] {
             let line = ["xtask", "shield"].iter().chain(&given[skip..]);

@@ -204,7 +204,7 @@ mod tests {
     }
 
     #[test]
-    fn a_folder_of_the_users_without_mujoco_is_refused_with_the_remedy() {
+    fn a_users_folder_without_mujoco_is_refused_with_the_remedy() {
         let folder = scratch("own");
         let error = check_own_mujoco(folder.clone()).unwrap_err().to_string();
         assert!(error.contains("unset"), "{error}");
@@ -214,7 +214,7 @@ mod tests {
     }
 
     #[test]
-    fn a_mujoco_of_the_users_without_its_licence_is_handed_on() {
+    fn a_users_mujoco_without_its_licence_is_refused_with_the_remedy() {
         let folder = scratch("licence");
         let lib = folder.join("lib");
         fs::create_dir_all(&lib).unwrap();
@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn the_folder_that_cargo_names_is_not_taken_for_the_users() {
+    fn the_folder_that_cargo_names_is_recognised_as_the_workspaces() {
         let root = scratch("root");
         let roundabout = root.join("..").join(root.file_name().unwrap());
         assert!(is_in_workspace(&root.join("native/mujoco/lib"), &roundabout));

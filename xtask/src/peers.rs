@@ -7,7 +7,7 @@ use std::process::{Command, ExitCode};
 
 use anyhow::Context;
 
-use crate::{cargo, python, torch};
+use crate::{cargo, python, stages, torch};
 
 /// Exports our models and free motions, measures our speed, and lets a Python program compare.
 ///
@@ -20,14 +20,13 @@ pub fn test(root: &Path) -> anyhow::Result<ExitCode> {
     let exported = target.join("peers");
     fs::create_dir_all(&exported).with_context(|| format!("cannot create {}", exported.display()))?;
     // Of the whole workspace, here and below: for one package, Cargo would choose other features and build every dependency once more.
-    let test = ["test", "--quiet", "--workspace", "--lib", "peers", "--", "--include-ignored"];
-    cargo::run(cargo::command(root).args(test).env("SHIELD_PEERS_FOLDER", &exported))?;
-    let in_python: [&[&str]; 2] = [
-        &["test", "--quiet", "--workspace", "--lib", "with_gymnasium", "--", "--ignored"],
-        &["test", "--quiet", "--workspace", "--test", "command_line", "--", "--ignored"],
-    ];
-    for test in in_python {
-        cargo::run(cargo::command(root).args(test).env("SHIELD_PEERS_PYTHON", &python))?;
+    let test = ["test", "--quiet", "--workspace", "--lib", "peers"];
+    stages::run_some(cargo::command(root).args(test).env("SHIELD_PEERS_FOLDER", &exported))?;
+    let features = ["--features", "gymnasium/python-tests,shield-tests/python-tests"];
+    for selected in [["--lib", "with_gymnasium"], ["--test=command_line", "every_example_in_python"]] {
+        let mut test = cargo::command(root);
+        test.args(["test", "--quiet", "--workspace"]).args(features).args(selected);
+        stages::run_some(test.env("SHIELD_PEERS_PYTHON", &python))?;
     }
     let build = ["build", "--release", "--package", "shield-cli", "--package", "mujoco-robots"];
     cargo::run(cargo::command(root).args(build))?;

@@ -47,7 +47,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_unchanged_environment_is_made_again_or_a_changed_one_is_kept() {
+    fn an_environment_is_made_again_only_after_a_change() {
         let root = std::env::temp_dir().join(format!("xtask-python-{}", std::process::id()));
         fs::create_dir_all(&root).unwrap();
         let requirements = root.join("requirements.txt");
@@ -64,7 +64,7 @@ mod tests {
     }
 
     #[test]
-    fn a_missing_list_is_not_named() {
+    fn a_missing_list_is_refused_by_name() {
         let error = environment(Path::new("/nonexistent"), "test", Path::new("/nonexistent/list.txt"));
         assert!(error.unwrap_err().to_string().contains("list.txt"));
     }

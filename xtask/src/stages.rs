@@ -5,7 +5,7 @@ use std::path::Path;
 use std::process::{Command, ExitCode, Stdio};
 use std::time::{Duration, Instant};
 
-use anyhow::Context;
+use anyhow::{Context, bail};
 use clap::ValueEnum;
 
 use crate::cargo;
@@ -82,11 +82,42 @@ fn run_stage(root: &Path, name: Name) -> anyhow::Result<Outcome> {
     Ok(outcome)
 }
 
-/// Runs Cargo, shows what it prints, and counts the tests in it.
+/// Runs the long forms of the tests that draw at random.
+///
+/// # Errors
+/// Cargo cannot be started, or a test fails.
+pub fn run_long(root: &Path) -> anyhow::Result<()> {
+    for (target, variable, number) in
+        [("solvers", "SHIELD_TEST_PROGRAMS", "1000000"), ("kill", "SHIELD_TEST_KILLS", "200")]
+    {
+        run_some(cargo::command(root).args(["test", "--workspace", "--test", target]).env(variable, number))?;
+    }
+    Ok(())
+}
+
+/// Runs a call of Cargo that selects tests.
+///
+/// # Errors
+/// It cannot be started, it fails, or it selects no test.
+pub fn run_some(command: &mut Command) -> anyhow::Result<()> {
+    let mut tests = Tally::default();
+    if !run_counted(command, &mut tests)? {
+        bail!("{} failed", cargo::describe(command));
+    }
+    if tests.passed == 0 {
+        bail!("{} ran no test: give it the name of one that exists", cargo::describe(command));
+    }
+    Ok(())
+}
+
 fn run_call(root: &Path, arguments: &[&str], tests: &mut Tally) -> anyhow::Result<bool> {
-    let mut command: Command = cargo::command(root);
-    command.args(arguments).stdin(Stdio::null()).stdout(Stdio::piped());
-    println!("$ {}", cargo::describe(&command));
+    run_counted(cargo::command(root).args(arguments), tests)
+}
+
+/// Runs Cargo, shows what it prints, and counts the tests in it.
+fn run_counted(command: &mut Command, tests: &mut Tally) -> anyhow::Result<bool> {
+    command.stdin(Stdio::null()).stdout(Stdio::piped());
+    println!("$ {}", cargo::describe(command));
     let mut child = command.spawn().context("cargo could not be started")?;
     let output = child.stdout.take().context("the output of cargo was asked for")?;
     for line in BufReader::new(output).split(b'\n') {
@@ -114,6 +145,14 @@ fn count(line: &str) -> Option<Tally> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_call_that_runs_no_test_is_an_error() {
+        let run = |line: &str| run_some(Command::new("echo").arg(line)).map_err(|error| error.to_string());
+        assert_eq!(run("test result: ok. 1 passed; 0 failed; 0 ignored"), Ok(()));
+        assert!(run("test result: ok. 0 passed; 0 failed; 0 ignored").unwrap_err().contains("no test"));
+        assert!(run_some(&mut Command::new("false")).is_err());
+    }
 
     #[test]
     fn only_lines_of_results_are_counted() {

@@ -192,7 +192,7 @@ mod tests {
     }
 
     #[test]
-    fn every_named_map_is_valid_and_its_goal_can_be_reached_and_left_behind() {
+    fn every_named_map_is_valid_and_its_goal_lies_within_the_horizon() {
         for named in NAMED_MAPS {
             let map = Map::named(named.name).unwrap();
             let mut distance = vec![usize::MAX; map.cells.len()];

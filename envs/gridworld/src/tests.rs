@@ -47,7 +47,7 @@ fn an_absorbing_cell_keeps_the_agent_until_a_hard_reset() {
 }
 
 #[test]
-fn the_goal_pays_on_every_step_and_can_be_left() {
+fn the_goal_rewards_each_step_and_can_be_left() {
     let mut world = gridworld(r#"(map: ["SG."])"#);
     let at_goal = walk(&mut world, &[EAST]);
     assert!(at_goal.success && !at_goal.irreversible && !at_goal.terminated);
@@ -67,7 +67,7 @@ fn an_absorbing_goal_succeeds_but_cannot_be_left() {
 }
 
 #[test]
-fn a_bad_action_is_refused_and_nothing_moves() {
+fn an_invalid_action_is_refused_and_changes_nothing() {
     let mut world = gridworld("()");
     walk(&mut world, &[EAST]);
     let before = world.cell;
@@ -97,7 +97,7 @@ fn the_horizon_comes_from_the_map_unless_configured() {
 }
 
 #[test]
-fn a_wrong_configuration_names_what_is_wrong_and_where() {
+fn a_wrong_configuration_is_refused_with_its_fault_and_place() {
     for (config, expected) in [
         ("(map: \"nowhere\")", "frozen-lake-4x4"),
         ("(\n  map: [\"S?G\"])", "'?'"),
@@ -111,7 +111,7 @@ fn a_wrong_configuration_names_what_is_wrong_and_where() {
 }
 
 #[test]
-fn a_saved_state_continues_where_it_was() {
+fn a_restored_state_continues_as_the_saved_one() {
     let mut world = gridworld("()");
     walk(&mut world, &[EAST, EAST, SOUTH]);
     let mut bytes = Vec::new();
@@ -126,7 +126,7 @@ fn a_saved_state_continues_where_it_was() {
 }
 
 #[test]
-fn foreign_bytes_are_refused_and_nothing_moves() {
+fn foreign_bytes_are_refused_and_change_nothing() {
     let mut world = gridworld(r##"(map: ["S.G", "#.."])"##);
     walk(&mut world, &[EAST]);
     let mut bytes = Vec::new();
@@ -144,19 +144,4 @@ fn foreign_bytes_are_refused_and_nothing_moves() {
         assert!(world.load(bad).is_err(), "{bad:?}");
         assert_eq!(world.cell, 1);
     }
-}
-
-/// Not a pass or fail of speed: prints what the README quotes. `cargo test --release -p gridworld -- --ignored --nocapture`.
-#[test]
-#[ignore = "measures the speed, for the README"]
-fn steps_per_second() {
-    let mut world = gridworld(r#"(map: "frozen-lake-8x8")"#);
-    let mut observation = observe(&world);
-    world.reset(0, &mut observation).unwrap();
-    let count = 20_000_000u32;
-    let begun = std::time::Instant::now();
-    for index in 0..count {
-        world.step(&[(index % 4) as f32], &mut observation).unwrap();
-    }
-    println!("{:.1} million steps/s", f64::from(count) / begun.elapsed().as_secs_f64() / 1e6);
 }

@@ -1,6 +1,6 @@
-use std::{env, fs, os::unix::fs::PermissionsExt, path::PathBuf};
+use std::{fs, os::unix::fs::PermissionsExt};
 
-use shield_api::{ErrorKind, Host, PluginConfig};
+use shield_api::{Host, PluginConfig};
 
 use super::*;
 
@@ -26,7 +26,7 @@ fn script(content: &str) -> (tempfile::TempDir, String) {
 }
 
 #[test]
-fn a_configuration_that_cannot_be_is_accepted() {
+fn an_invalid_configuration_is_refused_with_the_reason() {
     for (config, expected) in [
         ("()", "`id` names no environment"),
         ("(id: \"A-v0\", python: \"/no/such/python\")", "/no/such/python"),
@@ -40,7 +40,7 @@ fn a_configuration_that_cannot_be_is_accepted() {
 }
 
 #[test]
-fn arguments_change_on_their_way_to_python() {
+fn keyword_arguments_reach_python_unchanged() {
     let text = r#"(kwargs: {"a": 1, "b": 0.5, "c": "x", "d": [true, None], "e": {"f": Some(-3)}, "g": 2.0})"#;
     let kwargs = GymnasiumConfig::parse(text).unwrap().json_kwargs().unwrap();
     let expected = r#"{"a":1,"b":0.5,"c":"x","d":[true,null],"e":{"f":-3},"g":2.0}"#;
@@ -51,7 +51,7 @@ fn arguments_change_on_their_way_to_python() {
 }
 
 #[test]
-fn an_interpreter_without_gymnasium_is_not_told_what_it_lacks() {
+fn a_python_without_gymnasium_is_refused_with_the_remedy() {
     // Without the folder in which packages are installed.
     let (_folder, python) = script("#!/bin/sh\nexec python3 -I -S \"$@\"\n");
     let message = refused(&format!("(id: \"Pendulum-v1\", python: {python:?})"));
@@ -59,7 +59,7 @@ fn an_interpreter_without_gymnasium_is_not_told_what_it_lacks() {
 }
 
 #[test]
-fn a_program_that_is_no_python_is_waited_for() {
+fn a_program_that_is_not_python_is_refused_with_its_output_or_a_timeout() {
     let (_folder, python) = script("#!/bin/sh\necho I am a shell >&2\nexit 7\n");
     let message = refused(&format!("(id: \"Pendulum-v1\", python: {python:?})"));
     assert!(message.contains("exit code 7") && message.contains("I am a shell"), "{message}");
@@ -69,8 +69,13 @@ fn a_program_that_is_no_python_is_waited_for() {
     assert!(message.contains("within 0.3 s") && message.contains("raise `start_timeout_s`"), "{message}");
 }
 
-/// A Python with Gymnasium: what `cargo xtask test --peers` names. Without it, these tests are left out.
+/// These tests need a Python with Gymnasium: `cargo xtask test --peers` names it.
+#[cfg(feature = "python-tests")]
 mod with_gymnasium {
+    use std::{env, path::PathBuf};
+
+    use shield_api::ErrorKind;
+
     use super::*;
 
     fn python() -> String {
@@ -105,8 +110,7 @@ mod with_gymnasium {
     }
 
     #[test]
-    #[ignore = "needs Gymnasium: `cargo xtask test --peers`"]
-    fn gymnasium_tasks_have_other_spaces_or_trajectories() {
+    fn gymnasium_tasks_keep_their_spaces_and_repeat_by_seed() {
         for (id, observed, action, length) in [
             ("Pendulum-v1", 3, Space::uniform(1, -2.0, 2.0), 200),
             ("CartPole-v1", 4, Space::Discrete { n: 2 }, 500),
@@ -137,8 +141,7 @@ mod with_gymnasium {
     }
 
     #[test]
-    #[ignore = "needs Gymnasium: `cargo xtask test --peers`"]
-    fn a_time_out_ends_the_world() {
+    fn a_time_limit_does_not_terminate_the_environment() {
         let mut world = world("", "").unwrap();
         assert_eq!(world.spec().episode_length, 3);
         let mut observation = [0.0; 2];
@@ -151,8 +154,7 @@ mod with_gymnasium {
     }
 
     #[test]
-    #[ignore = "needs Gymnasium: `cargo xtask test --peers`"]
-    fn a_seed_is_not_carried_over() {
+    fn the_seed_reaches_the_environment() {
         let mut world = world("", "").unwrap();
         let mut draw = |seed| {
             let mut observation = [0.0; 2];
@@ -165,8 +167,7 @@ mod with_gymnasium {
     }
 
     #[test]
-    #[ignore = "needs Gymnasium: `cargo xtask test --peers`"]
-    fn a_space_of_several_parts_is_not_flattened() {
+    fn a_space_of_several_parts_is_flattened() {
         let mut world =
             world("\"observation\": \"mixed\", \"action\": \"from 3\"", "episode_length: Some(9)").unwrap();
         assert_eq!(world.spec().episode_length, 9);
@@ -183,8 +184,7 @@ mod with_gymnasium {
     }
 
     #[test]
-    #[ignore = "needs Gymnasium: `cargo xtask test --peers`"]
-    fn a_space_that_does_not_fit_is_not_explained() {
+    fn an_unsupported_space_or_argument_is_refused_with_the_reason() {
         for (kwargs, expected) in [
             ("\"action\": \"unbounded\"", "infinite bounds"),
             ("\"action\": \"several\"", "MultiDiscrete"),
@@ -197,8 +197,7 @@ mod with_gymnasium {
     }
 
     #[test]
-    #[ignore = "needs Gymnasium: `cargo xtask test --peers`"]
-    fn an_unknown_id_or_module_is_not_named() {
+    fn an_unknown_id_or_module_is_refused_by_name() {
         let python = python();
         let message = refused(&format!("(id: \"Pendulumm-v1\", python: {python:?})"));
         assert!(message.contains("`id`") && message.contains("Pendulum"), "{message}");
@@ -211,8 +210,7 @@ mod with_gymnasium {
     }
 
     #[test]
-    #[ignore = "needs Gymnasium: `cargo xtask test --peers`"]
-    fn a_world_that_fails_is_not_explained() {
+    fn a_failing_environment_is_reported_with_the_cause() {
         for (fault, expected) in [
             ("dies", "exit code 3"),
             ("dies", "out of licences"),
@@ -228,8 +226,7 @@ mod with_gymnasium {
     }
 
     #[test]
-    #[ignore = "needs Gymnasium: `cargo xtask test --peers`"]
-    fn a_picture_is_not_the_worlds() {
+    fn a_frame_shows_what_the_environment_renders() {
         let mut world = world("", "").unwrap();
         assert_eq!(world.frame_size(), [320, 240], "before the first reset");
         let mut observation = [0.0; 2];
@@ -250,8 +247,7 @@ mod with_gymnasium {
     }
 
     #[test]
-    #[ignore = "needs Gymnasium: `cargo xtask test --peers`"]
-    fn a_world_that_cannot_be_drawn_is_not_explained() {
+    fn an_environment_that_cannot_be_rendered_is_reported_with_the_reason() {
         for (kwargs, expected) in [
             ("\"fault\": \"grey\"", "shape (2, 4) is not height"),
             ("\"render_mode\": None", "render_mode is None"),
@@ -267,8 +263,7 @@ mod with_gymnasium {
     }
 
     #[test]
-    #[ignore = "needs Gymnasium: `cargo xtask test --peers`"]
-    fn a_world_that_prints_is_disturbed() {
+    fn an_environment_may_print() {
         let mut world = world("\"fault\": \"prints\"", "").unwrap();
         let mut observation = [0.0; 2];
         world.reset(0, &mut observation).unwrap();

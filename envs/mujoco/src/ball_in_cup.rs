@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn a_ball_in_the_cup_stays_there_and_one_below_it_is_not_in_it() {
+    fn a_ball_in_the_cup_stays_and_is_a_success_and_one_below_is_not() {
         let mut ball: BallRobot = make("()");
         place(&mut ball, CAUGHT);
         for step in 0..100 {
@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn the_reset_value_of_every_state_is_above_the_default_threshold() {
+    fn a_resting_and_a_caught_ball_have_reset_values_above_the_default_threshold() {
         let mut ball: BallRobot = make("()");
         ball.reset(0, &mut [0.0; 8]).unwrap();
         let resting = value_of_staying(&mut ball);
@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn a_swing_is_that_of_the_control_suite() {
+    fn a_swing_matches_the_control_suite() {
         // dm_control 1.0.50, MuJoCo 3.17.0, ball-in-cup: 60 steps from `RESTING`, control i of step k being (floor(7k/4) + 3i) mod 16 / 8 − 1.
         let published = [
             -0.04734968,

@@ -92,7 +92,7 @@ mod tests {
     ];
 
     #[test]
-    fn masses_are_those_of_gymnasiums_model() {
+    fn masses_match_gymnasiums_model() {
         let simulation = Simulation::new(MODEL).unwrap();
         let model = simulation.model();
         let published = [6.25020921, 1.54351464, 1.5874477, 1.09539749, 1.43807531, 1.20083682, 0.88451883];
@@ -103,7 +103,7 @@ mod tests {
     }
 
     #[test]
-    fn free_flight_is_that_of_gymnasiums_model() {
+    fn free_flight_matches_gymnasiums_model() {
         let mut simulation = Simulation::new(MODEL).unwrap();
         simulation.reset(|positions, _| positions[1] = 10.0);
         for k in 0..20 {

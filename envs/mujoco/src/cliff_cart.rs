@@ -185,7 +185,7 @@ mod tests {
     }
 
     #[test]
-    fn full_speed_ahead_falls_and_nothing_brings_the_cart_back() {
+    fn a_cart_at_full_speed_falls_and_nothing_brings_it_back() {
         let mut observation = [0.0; 6];
         let mut cart: CartRobot = make("()");
         cart.reset(0, &mut observation).unwrap();
@@ -200,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn whoever_has_just_fallen_cannot_brake_back_onto_the_table() {
+    fn a_cart_that_has_just_fallen_cannot_brake_back_onto_the_table() {
         let mut observation = [0.0; 6];
         let mut cart: CartRobot = make("()");
         let mut slow_falls = 0;
@@ -237,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn the_other_side_is_safe() {
+    fn driving_away_from_the_cliff_is_safe() {
         let mut observation = [0.0; 6];
         let mut cart: CartRobot = make("()");
         cart.reset(0, &mut observation).unwrap();
@@ -247,7 +247,7 @@ mod tests {
     }
 
     #[test]
-    fn the_reset_value_tells_the_reset_set_from_the_pit() {
+    fn the_reset_value_separates_the_reset_set_from_the_pit() {
         let mut observation = [0.0; 6];
         let mut cart: CartRobot = make("()");
         cart.reset(0, &mut observation).unwrap();
@@ -258,7 +258,7 @@ mod tests {
     }
 
     #[test]
-    fn a_hard_reset_from_the_floor_is_not_told_from_one_on_the_table() {
+    fn a_hard_reset_from_the_floor_has_its_own_cost() {
         let mut observation = [0.0; 6];
         let mut cart: CartRobot = make("(fall_cost: 7.0)");
         cart.reset(0, &mut observation).unwrap();
@@ -272,7 +272,7 @@ mod tests {
     }
 
     #[test]
-    fn the_noise_of_a_start_is_as_large_as_configured() {
+    fn the_start_noise_is_as_large_as_configured() {
         let mut observation = [0.0; 6];
         let mut noisy: CartRobot = make("(start_noise: 0.2)");
         let largest = (0..50).fold(0.0f32, |largest, seed| {

@@ -94,7 +94,7 @@ mod tests {
     }
 
     #[test]
-    fn whoever_runs_off_the_cliff_stays_in_the_pit() {
+    fn a_cheetah_that_runs_off_the_cliff_stays_in_the_pit() {
         let mut cheetah: CheetahRobot = make("()");
         let mut observation = [0.0; 18];
         place(&mut cheetah, 15.0, -0.3, 0.0);
@@ -123,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn a_cheetah_on_its_back_at_the_origin_is_not_reset() {
+    fn a_cheetah_on_its_back_at_the_origin_is_outside_the_reset_set() {
         let mut cheetah: CheetahRobot = make("()");
         let mut observation = [0.0; 18];
         place(&mut cheetah, 0.0, 0.0, std::f64::consts::PI);
@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn the_reset_value_tells_the_reset_set_from_the_pit() {
+    fn the_reset_value_separates_the_reset_set_from_the_pit() {
         let mut cheetah: CheetahRobot = make("()");
         cheetah.reset(0, &mut [0.0; 18]).unwrap();
         let safe = value_of_staying(&mut cheetah);

@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn whoever_walks_off_the_cliff_cannot_hold_on_to_its_edge() {
+    fn a_walker_that_falls_off_the_cliff_cannot_hold_on_to_its_edge() {
         let mut walker: WalkerRobot = make("()");
         let mut lost = 0;
         for (index, actions) in pseudo_random_actions(6, 400).chunks(20).enumerate() {
@@ -172,7 +172,7 @@ mod tests {
     }
 
     #[test]
-    fn a_walker_that_lies_at_the_origin_is_not_reset() {
+    fn a_walker_that_lies_at_the_origin_is_outside_the_reset_set() {
         let mut walker: WalkerRobot = make("()");
         place(&mut walker, 0.0, 0.3, 1.5);
         for _ in 0..200 {
@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn the_reset_value_tells_the_reset_set_from_the_pit() {
+    fn the_reset_value_separates_the_reset_set_from_the_pit() {
         let mut walker: WalkerRobot = make("()");
         walker.reset(0, &mut [0.0; 18]).unwrap();
         // Standing takes skill, so the reward at the start stands for that of staying there.
@@ -199,7 +199,7 @@ mod tests {
     }
 
     #[test]
-    fn the_published_reward_hides_the_pit_from_a_threshold_of_10() {
+    fn the_published_reward_values_the_pit_above_a_threshold_of_10() {
         let mut walker: WalkerRobot = make("(published_reward: true)");
         place(&mut walker, 7.0, -2.7, 0.0);
         let lost = value_of_staying(&mut walker);
@@ -207,7 +207,7 @@ mod tests {
     }
 
     #[test]
-    fn rewards_are_the_published_formulas() {
+    fn rewards_follow_the_published_formulas() {
         let mut walker: WalkerRobot = make("(start_noise: 0.0)");
         walker.reset(0, &mut [0.0; 18]).unwrap();
         let outcome = walker.step(&[1.0, -1.0, 0.0, 0.0, 0.0, 0.0], &mut [0.0; 18]).unwrap();

@@ -81,7 +81,7 @@ mod tests {
     use crate::task::Robot;
 
     #[test]
-    fn an_episode_is_that_of_gymnasium() {
+    fn an_episode_matches_gymnasium() {
         let episode = GymnasiumEpisode {
             scale: 1.0,
             steps: 40,
@@ -111,7 +111,7 @@ mod tests {
     }
 
     #[test]
-    fn staying_at_the_start_is_worth_90() {
+    fn staying_at_the_start_has_a_reset_value_of_90() {
         let mut cheetah: Robot<HalfCheetah> = make("()");
         let safe = value_of_staying(&mut cheetah);
         assert!(safe > 89.0, "{safe}");

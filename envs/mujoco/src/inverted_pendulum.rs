@@ -106,7 +106,7 @@ mod tests {
     use crate::task::Robot;
 
     #[test]
-    fn an_episode_is_that_of_gymnasium() {
+    fn an_episode_matches_gymnasium() {
         let episode = GymnasiumEpisode {
             scale: 0.125,
             steps: 18,

@@ -1,4 +1,5 @@
-//! Writes what `tests/peers/environments.py` compares with others' models: each robot without gravity and contacts, and how it moves.
+//! How robots move without gravity and contacts. `cargo xtask test --peers` has it written, with the models, for
+//! `tests/peers/environments.py` to compare with others' models.
 
 use std::fmt::Write as _;
 use std::path::Path;
@@ -41,24 +42,30 @@ fn free_motion(simulation: &mut Simulation, substeps: usize) -> String {
     lines
 }
 
-fn export<T: Task>(name: &str, folder: &Path) {
+/// Writes model and motion too, if a folder is named.
+fn check<T: Task>(name: &str) {
     let task = T::new(T::Config::parse("()").unwrap()).unwrap();
     let model = task.model().replace("</mujoco>", WEIGHTLESS);
-    let mut simulation = Simulation::new(&model).unwrap();
-    std::fs::write(folder.join(name).with_extension("xml"), on_stage(&model)).unwrap();
-    let lines = free_motion(&mut simulation, task.control_step());
-    std::fs::write(folder.join(name).with_extension("csv"), lines).unwrap();
+    let motion = || free_motion(&mut Simulation::new(&model).unwrap(), task.control_step());
+    let lines = motion();
+    assert_eq!(lines, motion(), "{name}");
+    assert!(
+        lines.trim_end().split([',', '\n']).all(|number| number.parse().is_ok_and(f64::is_finite)),
+        "{name}"
+    );
+    if let Some(folder) = std::env::var_os("SHIELD_PEERS_FOLDER") {
+        let file = Path::new(&folder).join(name);
+        std::fs::write(file.with_extension("xml"), on_stage(&model)).unwrap();
+        std::fs::write(file.with_extension("csv"), lines).unwrap();
+    }
 }
 
 #[test]
-#[ignore = "writes files for `cargo xtask test --peers`"]
-fn export_for_peers() {
-    let folder = std::env::var("SHIELD_PEERS_FOLDER").expect("`cargo xtask test --peers` sets it");
-    let folder = Path::new(&folder);
-    export::<HalfCheetah>("half-cheetah", folder);
-    export::<CliffCheetah>("cliff-cheetah", folder);
-    export::<Walker>("walker", folder);
-    export::<CliffWalker>("cliff-walker", folder);
-    export::<InvertedPendulum>("inverted-pendulum", folder);
-    export::<BallInCup>("ball-in-cup", folder);
+fn free_motion_is_finite_and_repeats_exactly() {
+    check::<HalfCheetah>("half-cheetah");
+    check::<CliffCheetah>("cliff-cheetah");
+    check::<Walker>("walker");
+    check::<CliffWalker>("cliff-walker");
+    check::<InvertedPendulum>("inverted-pendulum");
+    check::<BallInCup>("ball-in-cup");
 }

@@ -152,7 +152,7 @@ mod tests {
     }
 
     #[test]
-    fn the_starts_are_where_the_arms_published_dimensions_put_the_peg() {
+    fn the_starts_put_the_peg_where_the_published_dimensions_say() {
         let mut arm: Arm = make("(start_noise: 0.0)");
         for (name, place, tolerance) in [("hole", INSERTED, 1e-7), ("above", REMOVED, 1e-3)] {
             start(&mut arm, name);
@@ -193,7 +193,7 @@ mod tests {
     }
 
     #[test]
-    fn random_torques_pull_the_peg_out_by_the_mouth() {
+    fn random_torques_pull_the_peg_out_through_the_mouth_alone() {
         let mut arm: Arm = make("()");
         let mut out = 0;
         for seed in 0..20 {
@@ -215,7 +215,7 @@ mod tests {
     }
 
     #[test]
-    fn the_reset_value_tells_the_hole_from_outside() {
+    fn the_reset_value_separates_the_hole_from_the_outside() {
         // Densely, a quarter for no action and a quarter for nearness are the most that a peg outside can have: 50.
         for (config, outside, q_min) in [("()", 50.0, 60.0), ("(sparse: true)", 20.1, 40.0)] {
             let mut arm: Arm = make(config);
@@ -234,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn rewards_are_the_formulas_of_the_readme() {
+    fn rewards_follow_the_formulas_of_the_readme() {
         let action = [1.0, 0.0, -1.0, 0.0, 0.0, 0.0, 0.0];
         for (config, expected) in
             [("(start_noise: 0.0)", 0.5 + 0.2 + 0.25), ("(start_noise: 0.0, sparse: true)", 0.8 + 0.16)]

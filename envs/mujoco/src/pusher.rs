@@ -197,7 +197,7 @@ mod tests {
     }
 
     #[test]
-    fn the_observation_tells_where_puck_and_fingertips_are() {
+    fn the_observation_holds_the_places_of_puck_and_fingertips() {
         let mut pusher: PusherRobot = make("()");
         let mut observation = [0.0; 10];
         place(&mut pusher, [std::f64::consts::FRAC_PI_2, 0.0, 0.0], [-0.5, -0.1]);
@@ -231,7 +231,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lost_puck_stays_lost_and_is_worth_nothing() {
+    fn a_lost_puck_stays_lost_and_has_no_reset_reward() {
         let lost = lost_pucks(|outcome| {
             assert!(outcome.irreversible && !outcome.in_reset_set && !outcome.success, "{outcome:?}");
             assert_eq!(outcome.reset_reward, 0.0);
@@ -255,7 +255,7 @@ mod tests {
     }
 
     #[test]
-    fn the_reset_value_tells_the_reset_set_from_lost_pucks() {
+    fn the_reset_value_separates_the_reset_set_from_lost_pucks() {
         let mut pusher: PusherRobot = make("(start_noise: 0.0)");
         pusher.reset(0, &mut [0.0; 10]).unwrap();
         let safe = value_of_staying(&mut pusher);
@@ -270,7 +270,7 @@ mod tests {
     }
 
     #[test]
-    fn the_published_reward_makes_some_lost_pucks_worth_as_much_as_safe_ones() {
+    fn the_published_reward_values_some_lost_pucks_as_highly_as_safe_ones() {
         let mut pusher: PusherRobot = make("(published_reward: true)");
         place(&mut pusher, EAST, [-0.95, 0.15]);
         let out_of_reach = value_of_staying(&mut pusher);
@@ -284,7 +284,7 @@ mod tests {
     }
 
     #[test]
-    fn the_goal_is_a_success_and_pays_most_with_the_hand_beside_it() {
+    fn the_goal_is_a_success_and_rewards_a_hand_beside_it() {
         let mut pusher: PusherRobot = make("()");
         place(&mut pusher, [2.5, 0.0, 0.0], [GOAL[0], GOAL[1]]);
         let beside = idle_step(&mut pusher);

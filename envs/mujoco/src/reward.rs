@@ -54,7 +54,7 @@ mod tests {
     }
 
     #[test]
-    fn a_full_turn_is_no_turn() {
+    fn angles_are_wrapped_into_half_a_turn_either_way() {
         use std::f64::consts::{PI, TAU};
         for (angle, expected) in [(0.1, 0.1), (TAU + 0.1, 0.1), (-TAU - 0.1, -0.1), (PI + 0.5, 0.5 - PI)] {
             assert!((wrapped(angle) - expected).abs() < 1e-12, "{angle}");

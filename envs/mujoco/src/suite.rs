@@ -112,7 +112,7 @@ impl<T: Task> Bench<T> {
     }
 }
 
-fn spaces_agree_with<T: Task>(observation: usize, action: usize, bound: f32, horizon: usize) {
+fn spaces_and_horizon_are<T: Task>(observation: usize, action: usize, bound: f32, horizon: usize) {
     let spec = Bench::<T>::new().robot.spec();
     assert_eq!(spec.spaces.observation, Space::unbounded(observation));
     assert_eq!(spec.spaces.action, Space::uniform(action, -bound, bound));
@@ -142,7 +142,7 @@ fn a_saved_state_continues_bit_for_bit<T: Task>() {
     assert_eq!(fresh.run(50..200), continued);
 }
 
-fn foreign_bytes_are_refused_and_nothing_changes<T: Task>() {
+fn foreign_bytes_are_refused_and_change_nothing<T: Task>() {
     let mut bench = Bench::<T>::new();
     bench.run(0..10);
     let bytes = bench.saved();
@@ -157,7 +157,7 @@ fn foreign_bytes_are_refused_and_nothing_changes<T: Task>() {
     }
 }
 
-fn a_bad_action_is_refused_and_nothing_changes<T: Task>() {
+fn an_invalid_action_is_refused_and_changes_nothing<T: Task>() {
     let mut bench = Bench::<T>::new();
     bench.run(0..10);
     let (before, good) = (bench.saved(), bench.actions[0].clone());
@@ -239,7 +239,7 @@ fn a_diverged_simulation_is_an_error_until_the_next_reset<T: Task>() {
     std::fs::remove_file("MUJOCO_LOG.TXT").ok();
 }
 
-fn named_starts_exist_and_others_do_not<T: Task>() {
+fn named_starts_exist_and_unknown_ones_are_refused<T: Task>() {
     let mut bench = Bench::<T>::new();
     for start in bench.robot.starts() {
         bench.robot.reset_to(&start, 0, &mut bench.observation).unwrap();
@@ -249,7 +249,7 @@ fn named_starts_exist_and_others_do_not<T: Task>() {
     assert_eq!(bench.saved(), before);
 }
 
-fn each_common_field_of_the_configuration_is_heeded<T: Task>() {
+fn each_common_field_of_the_configuration_takes_effect<T: Task>() {
     assert_eq!(make::<T>("(horizon: 7)").spec().episode_length, 7);
     let mut bench = Bench::<T>::new();
     let idle = vec![0.0; bench.actions[0].len()];
@@ -292,49 +292,26 @@ fn impossible_configurations_are_refused<T: Task>() {
     }
 }
 
-/// Not a pass or fail of speed: prints what the README quotes.
-/// `cargo test --release -p mujoco-robots -- --ignored --nocapture --test-threads 1`
-fn steps_per_second<T: Task>() {
-    let mut bench = Bench::<T>::new();
-    let horizon = bench.robot.spec().episode_length;
-    let actions = bench.actions.clone();
-    let (count, begun) = (40_000, std::time::Instant::now());
-    for step in 0..count {
-        if step % horizon == 0 {
-            bench.robot.reset(step as u64, &mut bench.observation).unwrap();
-        }
-        bench.step(&actions[step % actions.len()]).unwrap();
-    }
-    let rate = count as f64 / begun.elapsed().as_secs_f64();
-    println!("{}: {rate:.0} steps/s", std::any::type_name::<T>());
-}
-
 macro_rules! suite {
     ($($robot:ident: $task:ty, observation $observation:literal, action $action:literal in $bound:literal, horizon $horizon:literal
         $(, $paper:ident)?;)+) => {$(
         mod $robot {
             #[test]
-            fn spaces_agree() {
-                super::spaces_agree_with::<$task>($observation, $action, $bound, $horizon);
-            }
-
-            #[test]
-            #[ignore = "measures the speed, for the README"]
-            fn steps_per_second() {
-                super::steps_per_second::<$task>();
+            fn spaces_and_horizon_are_the_declared_ones() {
+                super::spaces_and_horizon_are::<$task>($observation, $action, $bound, $horizon);
             }
 
             suite!(@tests $task;
                 the_seed_decides_everything,
                 a_saved_state_continues_bit_for_bit,
-                foreign_bytes_are_refused_and_nothing_changes,
-                a_bad_action_is_refused_and_nothing_changes,
+                foreign_bytes_are_refused_and_change_nothing,
+                an_invalid_action_is_refused_and_changes_nothing,
                 an_action_out_of_range_acts_like_the_bound,
                 reset_rewards_stay_in_the_unit_interval,
                 a_diverged_simulation_is_an_error_until_the_next_reset,
                 a_hard_reset_lies_in_the_reset_set,
-                named_starts_exist_and_others_do_not,
-                each_common_field_of_the_configuration_is_heeded,
+                named_starts_exist_and_unknown_ones_are_refused,
+                each_common_field_of_the_configuration_takes_effect,
                 impossible_configurations_are_refused);
             $(suite!(@$paper $task);)?
         }

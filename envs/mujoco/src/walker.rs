@@ -85,7 +85,7 @@ mod tests {
     use crate::task::Robot;
 
     #[test]
-    fn an_episode_is_that_of_gymnasium() {
+    fn an_episode_matches_gymnasium() {
         let episode = GymnasiumEpisode {
             scale: 1.0,
             steps: 19,
@@ -115,7 +115,7 @@ mod tests {
     }
 
     #[test]
-    fn standing_at_the_start_is_worth_100_and_a_fallen_walker_is_not_reset() {
+    fn standing_at_the_start_has_a_reset_value_of_100_and_a_fall_leaves_the_reset_set() {
         let mut walker: Robot<Walker> = make("()");
         let mut observation = [0.0; 17];
         walker.reset(0, &mut observation).unwrap();

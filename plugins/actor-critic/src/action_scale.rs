@@ -81,7 +81,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_ends_of_the_unit_interval_are_the_bounds() {
+    fn the_ends_of_the_unit_interval_map_to_the_bounds() {
         let scale = ActionScale::new(&[-2.0, 1.0, 5.0], &[4.0, 3.0, 5.0]).unwrap();
         let mut action = [0.0; 3];
         scale.from_unit(&[-1.0, 1.0, 0.3], &mut action);

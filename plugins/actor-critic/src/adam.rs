@@ -93,7 +93,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_step_is_the_textbook_s() {
+    fn a_step_matches_the_textbook() {
         let adam = Adam::new(0.01);
         let gradients = [[0.5, -2.0, 1e-4], [-0.1, 3.0, 0.0], [0.7, 0.2, -1e-3]];
         let mut weights = [1.0, -1.0, 0.0];
@@ -123,7 +123,7 @@ mod tests {
     }
 
     #[test]
-    fn moments_without_gradients_do_not_stay_subnormal() {
+    fn moments_are_never_subnormal_and_keep_nan() {
         let adam = Adam::new(0.01);
         let (mut weights, mut targets, mut first, mut second) = ([1.0_f32], [1.0], [1e-3], [1e-30]);
         for step in 1..20_000 {

@@ -234,7 +234,7 @@ mod tests {
     }
 
     #[test]
-    fn networks_that_cannot_be_are_refused() {
+    fn networks_without_layers_or_units_are_refused() {
         for hidden in [&[][..], &[0], &[4, 0]] {
             assert!(Architecture::critic(3, 1, hidden, 1, Activation::Tanh).is_err(), "{hidden:?}");
         }
@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn initial_weights_fill_the_bounds_of_their_sources() {
+    fn initial_weights_fill_their_published_bounds() {
         let critic = Architecture::critic(14, 2, &[100, 64], 1, Activation::Tanh).unwrap();
         let sources = [
             (Initialisation::Lillicrap, [1.0 / 14f64.sqrt(), 1.0 / 102f64.sqrt(), 3e-3], true),

@@ -137,7 +137,7 @@ mod tests {
     }
 
     #[test]
-    fn a_copy_is_within_its_stated_error() {
+    fn a_half_precision_copy_is_within_its_stated_error() {
         for step in 0..400_000 {
             let weight = 2.0_f32.powf(step as f32 * 7.5e-5 - 21.9);
             for weight in [weight, -weight] {
@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn a_weight_that_cannot_be_copied_is_reported() {
+    fn a_weight_outside_the_range_of_a_copy_is_reported() {
         for weight in [511.9, 512.0, -512.0, 1e30, f32::INFINITY, f32::NEG_INFINITY, f32::NAN, -f32::NAN] {
             assert!(!copy(&mut [0; 3], &[0.1, weight, 0.2]), "{weight}");
         }

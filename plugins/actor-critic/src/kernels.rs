@@ -236,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn products_with_one_row_and_with_many_equal_the_definition() {
+    fn products_of_one_row_and_of_many_match_the_definition() {
         for shape @ (rows, inner, columns) in
             [(1, 7, 5), (1, 9, 1), (1, 35, 33), (3, 7, 5), (2, 1, 3), (4, 5, 1)]
         {
@@ -259,7 +259,7 @@ mod tests {
     }
 
     #[test]
-    fn relu_does_not_swallow_nan() {
+    fn relu_propagates_nan() {
         let mut values = [f32::NAN, -1.0, 2.0];
         activate(&mut values, &[0.0; 3], Some(Activation::Relu));
         assert!(values[0].is_nan());

@@ -53,7 +53,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_mean_counts_only_what_the_weights_count() {
+    fn the_loss_is_the_mean_over_weighted_transitions() {
         let mut gradients = [9.0; 3];
         let (predictions, targets) = ([1.5, 3.0, 0.0], [1.0, 0.0, 7.0]);
         let loss = Loss::Squared.evaluate(&predictions, &targets, &[1.0, 1.0, 0.0], &mut gradients);
@@ -63,7 +63,7 @@ mod tests {
     }
 
     #[test]
-    fn no_weight_at_all_is_no_loss_rather_than_nan() {
+    fn the_loss_without_any_weight_is_zero() {
         let mut gradients = [9.0; 2];
         assert_eq!(Loss::Huber.evaluate(&[1.0, 2.0], &[0.0, 0.0], &[0.0, 0.0], &mut gradients), 0.0);
         assert_eq!(gradients, [0.0, 0.0]);

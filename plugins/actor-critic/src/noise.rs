@@ -113,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn a_schedule_is_linear_and_ends() {
+    fn a_schedule_changes_linearly_and_then_stays() {
         let schedule = Schedule { start: 1.0, end: 0.0, steps: 4 };
         let values: Vec<f32> = (0..6).map(|step| schedule.at(step)).collect();
         assert_eq!(values, [1.0, 0.75, 0.5, 0.25, 0.0, 0.0]);

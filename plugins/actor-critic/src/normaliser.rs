@@ -89,7 +89,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn what_was_seen_has_mean_zero_and_variance_one() {
+    fn normalised_observations_have_mean_zero_and_variance_one() {
         let rows: Vec<f32> =
             (0..200).map(|i| if i % 2 == 0 { i as f32 } else { 5.0 - 3.0 * i as f32 }).collect();
         let mut normaliser = Normaliser::new(2);
@@ -105,7 +105,7 @@ mod tests {
     }
 
     #[test]
-    fn a_constant_dimension_does_not_become_infinite() {
+    fn a_constant_dimension_stays_bounded() {
         let mut normaliser = Normaliser::new(1);
         normaliser.observe(&[3.0; 10]);
         let mut out = [0.0; 2];

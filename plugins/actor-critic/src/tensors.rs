@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reader_of_the_file_computes_the_same_values() {
+    fn the_written_tensors_give_the_same_values() {
         let architecture = Architecture::critic(3, 2, &[5, 4], 1, Activation::Tanh).unwrap();
         let mut critics =
             Ensemble::<f32>::new(architecture, Initialisation::Lillicrap, 3, 1, &mut Pcg64::seed_from_u64(1))
@@ -170,7 +170,7 @@ mod tests {
     }
 
     #[test]
-    fn a_reader_scales_observations_and_actions_as_the_networks_do() {
+    fn the_written_scales_are_those_of_the_networks() {
         let mut normaliser = Normaliser::new(1);
         normaliser.observe(&[1.0, 3.0, 8.0]);
         let scale = ActionScale::new(&[-2.0], &[4.0]).unwrap();

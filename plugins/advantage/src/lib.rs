@@ -118,7 +118,7 @@ mod tests {
     }
 
     #[test]
-    fn the_value_itself_is_compared_or_members_are_combined_otherwise() {
+    fn the_combined_advantage_of_the_members_is_compared() {
         // Advantages of −1, −6 and 2.
         let (values, greedy) = ([9.0, 4.0, 12.0], [10.0, 10.0, 10.0]);
         for (config, score, verdict) in [
@@ -135,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn values_that_are_not_finite_or_missing_are_allowed() {
+    fn non_finite_values_are_rejected_and_missing_ones_are_errors() {
         for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
             assert!(judge("()", &[bad, 1.0], &[1.0, 1.0]).score.is_nan());
             assert_eq!(judge("()", &[1.0, 1.0], &[bad, 1.0]).verdict, Verdict::Reject);
@@ -147,7 +147,7 @@ mod tests {
     }
 
     #[test]
-    fn the_row_does_not_hold_where_the_advantage_suffices() {
+    fn the_row_holds_where_the_linearised_advantage_suffices() {
         struct Collected(Vec<(f32, f32)>);
         impl Rows for Collected {
             fn push(&mut self, coefficients: &[f32], bound: f32) -> Result<()> {
@@ -162,7 +162,7 @@ mod tests {
     }
 
     #[test]
-    fn a_bound_that_cannot_be_is_accepted() {
+    fn an_invalid_bound_or_combination_is_refused() {
         for text in [
             "(min_advantage: NaN)",
             "(min_advantage: -inf)",
@@ -174,7 +174,7 @@ mod tests {
     }
 
     #[test]
-    fn a_foreign_state_is_loaded() {
+    fn a_foreign_state_is_refused() {
         let (mut bytes, mut rule) = (Vec::new(), create("()").unwrap());
         rule.save(&mut bytes).unwrap();
         rule.load(&bytes).unwrap();

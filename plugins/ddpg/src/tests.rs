@@ -71,13 +71,6 @@ conformance_tests!(Ddpg);
 continuous_tests!(Ddpg);
 
 #[test]
-#[ignore = "a measurement: run with --release --nocapture --test-threads 1"]
-fn how_long_it_takes() {
-    continuous::print_how_long_it_takes::<Ddpg>("(random_steps: 0)");
-}
-
-#[test]
-#[ignore = "run by `cargo xtask test --torch`"]
-fn a_reference_is_written() {
-    reference::a_reference_is_written::<Ddpg>();
+fn the_same_seed_learns_the_same_weights() {
+    reference::the_same_seed_learns_the_same_weights::<Ddpg>();
 }

@@ -109,7 +109,7 @@ conformance_tests! { Ddqn, gradients:
 conformance_tests!(Ddqn);
 
 #[test]
-fn the_network_chooses_and_its_target_values() {
+fn the_network_chooses_the_action_and_its_target_network_values_it() {
     let mut learner: Ddqn = learner(&[("discount", "0.5"), ("rate", "1e-2"), ("tau", "0.01")]);
     train(&mut learner, 0..30);
     let transitions = Transitions::random::<Ddqn>(3, 99);
@@ -151,7 +151,7 @@ fn only_the_executed_action_has_a_gradient() {
 /// A corridor of four states, seen one-hot; moving right (2) from the last but one pays 1. Staying or moving left pays
 /// nothing.
 #[test]
-fn the_way_through_a_corridor_is_found() {
+fn the_learner_finds_the_way_through_a_corridor() {
     const STATES: usize = 4;
     let one_hot = |state: usize| (0..STATES).map(move |index| f32::from(index == state));
     let (mut observations, mut actions, mut rewards) = (Vec::new(), Vec::new(), Vec::new());
@@ -205,7 +205,7 @@ fn exploration_is_as_frequent_as_epsilon_says() {
 }
 
 #[test]
-fn an_action_that_is_no_index_is_refused() {
+fn an_action_that_is_not_an_index_is_refused() {
     let mut learner: Ddqn = learner(&[]);
     for action in [0.5, 3.0, -1.0] {
         let error = learner.q_values(&[0.0; 3], &[action], &mut [0.0; 3]).unwrap_err();
@@ -222,20 +222,4 @@ fn an_action_that_is_no_index_is_refused() {
     let mut gradients = [0.0; 3];
     let error = learner.q_gradients(&[0.0; 3], &[1.0], &mut [0.0; 3], &mut gradients).unwrap_err();
     assert_eq!(error.kind(), ErrorKind::Unsupported);
-}
-
-#[test]
-#[ignore = "a measurement: run with --release --nocapture --test-threads 1"]
-fn how_long_it_takes() {
-    let batch = Transitions::random::<Ddqn>(5, 1);
-    let setup = Setup::with_spaces(0, 1, Host::silent(), <Ddqn as conformance::Subject>::spaces());
-    let mut learner = Ddqn::create(DdqnConfig::default(), &setup).unwrap();
-    let time = |name: &str, repeats: u32, work: &mut dyn FnMut()| {
-        let start = std::time::Instant::now();
-        (0..repeats).for_each(|_| work());
-        println!("{name}: {:?}", start.elapsed() / repeats);
-    };
-    time("update, batch 8", 2_000, &mut || learner.update(&batch.batch()).unwrap());
-    time("q_values", 20_000, &mut || drop(values(&mut learner)));
-    time("greedy act", 20_000, &mut || drop(act(&mut learner, ActMode::Greedy)));
 }

@@ -141,7 +141,7 @@ mod tests {
     }
 
     #[test]
-    fn an_abort_closes_it_for_other_than_the_given_steps() {
+    fn an_abort_closes_the_latch_for_the_given_steps() {
         let mut rule = rule("(steps: 3)");
         for step in 0..5 {
             assert_eq!(judge(&rule, step), Verdict::Allow);
@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn the_reset_agents_exploration_is_held_too() {
+    fn a_closed_latch_allows_the_reset_agents_exploration() {
         let mut rule = rule("()");
         observe(&mut rule, 0, true);
         let exploring = RuleContext { phase: Phase::Reset, ..context(1) };
@@ -169,7 +169,7 @@ mod tests {
     }
 
     #[test]
-    fn a_projection_is_prevented_while_open_or_attempted_while_closed() {
+    fn only_an_open_latch_can_be_linearised() {
         let mut rule = rule("()");
         assert_eq!(linearise(&rule, 0), Ok(()));
         observe(&mut rule, 0, true);
@@ -177,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn its_state_is_lost_or_a_foreign_one_taken() {
+    fn its_state_is_restored_and_a_foreign_one_refused() {
         let mut closed = rule("()");
         observe(&mut closed, 100, true);
         let mut bytes = Vec::new();
@@ -190,7 +190,7 @@ mod tests {
     }
 
     #[test]
-    fn a_latch_that_never_closes_is_accepted() {
+    fn a_latch_of_no_steps_is_refused() {
         let config = Config::parse("(steps: 0)").unwrap();
         let made = DeadlineLatch::create(config, &Setup::new(0, 1, Host::silent()));
         assert_eq!(made.unwrap_err().kind(), ErrorKind::InvalidConfig);

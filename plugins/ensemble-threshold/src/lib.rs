@@ -124,7 +124,7 @@ mod tests {
     }
 
     #[test]
-    fn each_way_to_combine_compares_another_value() {
+    fn each_way_to_combine_compares_its_own_value() {
         let values = [3.21, 12.0, 14.79];
         for (combine, score, verdict) in [
             ("Quantile(0.0)", 3.21, Verdict::Reject),
@@ -144,7 +144,7 @@ mod tests {
     }
 
     #[test]
-    fn the_default_is_the_papers() {
+    fn the_default_compares_the_smallest_value_with_10() {
         assert_eq!(judge("()", &[10.0, 20.0]).0, Verdict::Allow);
         let (verdict, _, reason) = judge("()", &[3.21, 20.0]);
         assert_eq!(verdict, Verdict::Reject);
@@ -153,7 +153,7 @@ mod tests {
     }
 
     #[test]
-    fn a_member_that_is_not_a_number_rejects_whatever_the_others_say() {
+    fn a_non_finite_value_of_any_member_rejects_the_action() {
         for combine in ["Optimistic", "Realist", "Pessimistic", "Quantile(0.5)", "KOfN(1)"] {
             for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
                 for values in [[bad, 50.0], [50.0, bad]] {
@@ -165,14 +165,14 @@ mod tests {
     }
 
     #[test]
-    fn without_values_there_is_no_verdict() {
+    fn missing_values_are_an_error() {
         let mut reason = Reason::new(&mut []);
         let error = rule("()").evaluate(&context(&[], &[0.0]), &mut reason).unwrap_err();
         assert_eq!(error.kind(), ErrorKind::InvalidArgument);
     }
 
     #[test]
-    fn a_threshold_that_is_not_finite_is_refused() {
+    fn an_invalid_threshold_schedule_or_combination_is_refused() {
         for text in ["(q_min: NaN)", "(q_min: inf)", "(q_min: -inf)"] {
             let config = Config::parse(text).unwrap();
             let error = EnsembleThreshold::create(config, &Setup::new(0, 1, Host::silent())).unwrap_err();
@@ -226,7 +226,7 @@ mod tests {
     }
 
     #[test]
-    fn more_members_than_there_are_cannot_agree() {
+    fn a_quorum_larger_than_the_ensemble_is_an_error() {
         let mut reason = Reason::new(&mut []);
         let error =
             rule("(combine: KOfN(3))").evaluate(&context(&[1.0, 2.0], &[0.0]), &mut reason).unwrap_err();
@@ -261,7 +261,7 @@ mod tests {
     }
 
     #[test]
-    fn a_share_of_values_without_bound_rejects_everything() {
+    fn a_relative_threshold_without_discount_rejects_everything() {
         let endless = RuleContext { discount: 1.0, ..context(&[1e30], &[0.0]) };
         let judged =
             rule("(q_min: 0.1, relative: true)").evaluate(&endless, &mut Reason::new(&mut [])).unwrap();
@@ -269,7 +269,7 @@ mod tests {
     }
 
     #[test]
-    fn gradients_that_are_cut_or_not_numbers_give_no_rows() {
+    fn truncated_and_nan_gradients_give_no_rows() {
         struct Refusing;
         impl Rows for Refusing {
             fn push(&mut self, _: &[f32], _: f32) -> Result<()> {
@@ -283,7 +283,7 @@ mod tests {
     }
 
     #[test]
-    fn its_empty_state_is_kept_and_a_foreign_one_refused() {
+    fn its_empty_state_is_restored_and_a_foreign_one_refused() {
         let mut bytes = Vec::new();
         let mut rule = rule("()");
         rule.save(&mut bytes).unwrap();

@@ -197,7 +197,7 @@ mod tests {
     const SUM: &str = "(constraints: [(a: [1.0, 1.0], b: 0.5), (a: [-1.0, 0.0], b: 0.25)])";
 
     #[test]
-    fn a_broken_constraint_is_allowed_or_a_kept_one_rejected() {
+    fn an_action_is_rejected_only_when_it_breaks_a_constraint() {
         assert_eq!(judge(SUM, [0.25, 0.25], None), (Verdict::Allow, 0.0, String::new()));
         let (verdict, score, reason) = judge(SUM, [0.5, 0.25], None);
         assert_eq!((verdict, score), (Verdict::Reject, -0.25));
@@ -206,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn a_jump_is_allowed_or_limits_apply_after_a_hard_reset() {
+    fn a_jump_is_rejected_except_after_a_hard_reset() {
         let config = "(max_change: Some([0.25, 1.0]))";
         assert_eq!(judge(config, [1.0, 1.0], None).0, Verdict::Allow);
         assert_eq!(judge(config, [0.25, -1.0], Some(&[0.5, 0.0])).0, Verdict::Allow);
@@ -218,7 +218,7 @@ mod tests {
     }
 
     #[test]
-    fn rows_hold_elsewhere_than_the_rule() {
+    fn rows_hold_where_the_rule_allows() {
         struct Collected(Vec<(Vec<f32>, f32)>);
         impl Rows for Collected {
             fn push(&mut self, coefficients: &[f32], bound: f32) -> Result<()> {
@@ -242,7 +242,7 @@ mod tests {
     }
 
     #[test]
-    fn an_action_that_is_not_finite_or_cut_is_judged() {
+    fn a_non_finite_or_truncated_action_is_an_error() {
         let rule = rule(SUM);
         for bad in [&[f32::NAN, 0.0][..], &[0.0, f32::NEG_INFINITY], &[0.0]] {
             let judged = rule.evaluate(&context(bad, None), &mut Reason::new(&mut []));
@@ -251,7 +251,7 @@ mod tests {
     }
 
     #[test]
-    fn a_configuration_that_cannot_be_is_accepted() {
+    fn an_invalid_configuration_is_refused() {
         for text in [
             "()",
             "(constraints: [(a: [1.0], b: 0.0)])",
@@ -268,7 +268,7 @@ mod tests {
     }
 
     #[test]
-    fn a_foreign_state_is_loaded() {
+    fn a_foreign_state_is_refused() {
         let (mut bytes, mut rule) = (Vec::new(), rule(SUM));
         rule.save(&mut bytes).unwrap();
         rule.load(&bytes).unwrap();

@@ -12,14 +12,14 @@ fn signal(task: &mut NearStart, next: [f32; 2]) -> ResetSignal {
 }
 
 #[test]
-fn before_the_first_start_it_says_that_none_was_observed() {
+fn evaluating_before_the_first_start_is_an_error() {
     let mut task = create("()").unwrap();
     let error = task.evaluate(&[0.0, 0.0], &[0.0], &[0.0, 0.0]).unwrap_err();
     assert!(error.message().contains("no start was observed yet"), "{error}");
 }
 
 #[test]
-fn the_mean_of_the_first_starts_is_the_start() {
+fn the_target_is_the_mean_of_the_first_starts() {
     let mut task = create("(average_over: 2)").unwrap();
     for start in [[0.0, 2.0], [2.0, 4.0], [100.0, 100.0]] {
         task.observe_start(&start).unwrap();
@@ -28,14 +28,14 @@ fn the_mean_of_the_first_starts_is_the_start() {
 }
 
 #[test]
-fn a_target_is_not_moved_by_observed_starts() {
+fn observed_starts_do_not_move_a_given_target() {
     let mut task = create("(target: Some([1.0, 3.0]))").unwrap();
     task.observe_start(&[50.0, 50.0]).unwrap();
     assert!(signal(&mut task, [1.0, 3.0]).in_reset_set);
 }
 
 #[test]
-fn the_reward_falls_from_the_radius_on_and_is_a_twentieth_at_the_margin() {
+fn the_reward_falls_beyond_the_radius_to_a_twentieth_at_the_margin() {
     let mut task = create("(target: Some([0.0, 0.0]), radius: 0.5, margin: 2.0)").unwrap();
     // In two dimensions with equal weights, (d, d) is at the distance d.
     let rewards = [0.0, 0.5, 1.0, 2.5, 1e30].map(|d| signal(&mut task, [d, d]).reward);
@@ -45,14 +45,14 @@ fn the_reward_falls_from_the_radius_on_and_is_a_twentieth_at_the_margin() {
 }
 
 #[test]
-fn a_dimension_without_weight_is_left_out() {
+fn a_dimension_without_weight_is_ignored() {
     let mut task = create("(target: Some([0.0, 0.0]), weights: Some([1.0, 0.0]))").unwrap();
     assert!(signal(&mut task, [0.05, 1e6]).in_reset_set);
     assert!(!signal(&mut task, [0.2, 0.0]).in_reset_set);
 }
 
 #[test]
-fn settings_that_cannot_be_are_refused_by_name() {
+fn invalid_settings_are_refused_by_name() {
     for (config, name) in [
         ("(radius: -1.0)", "radius"),
         ("(radius: NaN)", "radius"),
@@ -72,7 +72,7 @@ fn settings_that_cannot_be_are_refused_by_name() {
 }
 
 #[test]
-fn observations_that_are_cut_or_not_numbers_are_refused() {
+fn truncated_and_non_finite_observations_are_refused() {
     let mut task = create("(target: Some([0.0, 0.0]))").unwrap();
     for bad in [&[0.0][..], &[f32::NAN, 0.0], &[0.0, f32::INFINITY]] {
         assert!(task.evaluate(&[0.0, 0.0], &[0.0], bad).is_err(), "{bad:?}");
@@ -83,7 +83,7 @@ fn observations_that_are_cut_or_not_numbers_are_refused() {
 }
 
 #[test]
-fn a_restored_task_goes_on_as_the_saved_one() {
+fn a_restored_task_continues_as_the_saved_one() {
     let mut saved = create("()").unwrap();
     for start in [[0.1, 0.2], [0.3, 0.7]] {
         saved.observe_start(&start).unwrap();

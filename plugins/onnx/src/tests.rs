@@ -37,7 +37,7 @@ fn refused(name: &str, extra: &str, spaces: Spaces) -> String {
 }
 
 #[test]
-fn an_export_with_another_shape_or_type_is_not_understood() {
+fn exports_of_every_supported_shape_and_type_are_read() {
     for name in ["flat", "three_outputs", "double"] {
         assert_eq!(act(name, "", two_actions(), [0.5, 0.25, -1.0]), [0.75, -2.0], "{name}");
     }
@@ -50,7 +50,7 @@ fn an_export_with_another_shape_or_type_is_not_understood() {
 }
 
 #[test]
-fn a_squashed_action_is_not_stretched_to_the_bounds() {
+fn a_normalised_action_is_scaled_to_the_bounds() {
     for (observation, expected) in [([0.0, 0.0, 100.0], [1.0, 4.0]), ([-100.0, 0.0, 0.0], [-1.0, 0.0])] {
         let action = act("batched", "output: Normalised", two_actions(), observation);
         // The tanh is an approximation.
@@ -60,12 +60,12 @@ fn a_squashed_action_is_not_stretched_to_the_bounds() {
 }
 
 #[test]
-fn an_action_beyond_a_bound_is_not_moved_onto_it() {
+fn an_action_beyond_a_bound_is_moved_onto_it() {
     assert_eq!(act("flat", "", two_actions(), [9.0, 0.0, -9.0]), [3.0, -4.0]);
 }
 
 #[test]
-fn the_best_of_discrete_actions_is_not_chosen() {
+fn the_best_discrete_action_is_chosen() {
     for name in ["values", "index"] {
         for (observation, expected) in
             [([5.0, 1.0, 1.0], 0.0), ([0.0, 2.0, 1.0], 1.0), ([1.0, 1.0, 3.0], 3.0)]
@@ -76,7 +76,7 @@ fn the_best_of_discrete_actions_is_not_chosen() {
 }
 
 #[test]
-fn a_missing_or_broken_file_is_not_named() {
+fn a_missing_or_broken_file_is_refused_with_the_reason() {
     let message = refused("nowhere", "", spaces(3, two_actions()));
     assert!(message.contains("nowhere.onnx") && message.contains("working directory"), "{message}");
     let file = tempfile::NamedTempFile::new().unwrap();
@@ -90,7 +90,7 @@ fn a_missing_or_broken_file_is_not_named() {
 }
 
 #[test]
-fn a_network_of_other_shapes_is_accepted_or_its_shapes_not_named() {
+fn a_network_of_other_shapes_is_refused_with_both_shapes() {
     for (name, spaces, expected) in [
         ("flat", spaces(4, two_actions()), ["\"observation\" has the shape [3]", "4 values"]),
         ("batched", spaces(4, two_actions()), ["\"observation\" has the shape [?, 3]", "4 values"]),
@@ -105,7 +105,7 @@ fn a_network_of_other_shapes_is_accepted_or_its_shapes_not_named() {
 }
 
 #[test]
-fn not_a_number_passes() {
+fn nan_in_the_observation_or_the_action_is_an_error() {
     let mut policy = make("root", "", spaces(3, Space::uniform(3, -1.0, 1.0))).unwrap();
     let mut action = [0.0; 3];
     assert!(policy.act(&[1.0, f32::NAN, 1.0], &mut action).is_err());
@@ -115,6 +115,7 @@ fn not_a_number_passes() {
 }
 
 /// What `export_sb3.py` says of a policy.
+#[cfg(feature = "python-tests")]
 #[derive(serde::Deserialize)]
 struct Exported {
     name: String,
@@ -123,9 +124,9 @@ struct Exported {
     actions: Vec<Vec<f32>>,
 }
 
+#[cfg(feature = "python-tests")]
 #[test]
-#[ignore = "needs Stable-Baselines3: `cargo xtask test --python`"]
-fn a_policy_of_stable_baselines_acts_otherwise_than_there() {
+fn a_policy_of_stable_baselines_acts_as_it_does_there() {
     let python =
         std::env::var("SHIELD_SB3_PYTHON").expect("`cargo xtask test --python` names the interpreter");
     let folder = tempfile::tempdir().unwrap();

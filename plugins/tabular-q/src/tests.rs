@@ -6,8 +6,6 @@ use shield_api::{
 
 use crate::{TabularQ, TabularQConfig};
 
-mod timing;
-
 const STATES: usize = 4;
 const ACTIONS: usize = 3;
 
@@ -103,7 +101,7 @@ fn behaviour(config: &str) -> Vec<u32> {
 }
 
 #[test]
-fn every_configuration_field_changes_what_can_be_seen() {
+fn every_configuration_field_changes_the_behaviour() {
     let reference = behaviour("(epsilon_steps: 60)");
     assert_eq!(reference, behaviour("(epsilon_steps: 60)"));
     let changes = [
@@ -125,7 +123,7 @@ fn every_configuration_field_changes_what_can_be_seen() {
 }
 
 #[test]
-fn defaults_that_the_manifest_states_are_the_defaults() {
+fn the_manifest_states_the_defaults() {
     let text: Vec<String> =
         TabularQConfig::FIELDS.iter().map(|field| format!("{}: {}", field.name, field.default)).collect();
     let parsed = TabularQConfig::parse(&format!("({})", text.join(", "))).unwrap();
@@ -160,7 +158,7 @@ fn impossible_settings_and_spaces_are_refused() {
 }
 
 #[test]
-fn an_update_is_watkins_rule_for_each_member() {
+fn an_update_follows_watkins_rule_for_each_member() {
     let mut learner = learner("(learning_rate: 0.25, discount: 0.5)", 3);
     let mut expected = Vec::new();
     let best_next: Vec<f32> = (0..5)
@@ -178,7 +176,7 @@ fn an_update_is_watkins_rule_for_each_member() {
 }
 
 #[test]
-fn the_last_transition_of_an_episode_counts_no_next_value() {
+fn a_terminal_transition_has_no_next_value() {
     let mut learner = learner("(learning_rate: 1.0, initial_low: 7.0, initial_high: 8.0)", 3);
     learner.update(&Transitions::new(&[(0, 1, 0.25, 2, 0.0)], 5).batch()).unwrap();
     assert_eq!(values(&mut learner, 0, 1), [0.25; 5]);
@@ -186,7 +184,7 @@ fn the_last_transition_of_an_episode_counts_no_next_value() {
 
 /// A corridor of four states; moving right from the last but one pays 1. Staying or moving left pays nothing.
 #[test]
-fn the_way_through_a_corridor_is_found() {
+fn the_learner_finds_the_way_through_a_corridor() {
     let mut rows = Vec::new();
     for state in 0..STATES - 1 {
         rows.push((state, 0, 0.0, state.saturating_sub(1), 1.0));
@@ -205,7 +203,7 @@ fn the_way_through_a_corridor_is_found() {
 }
 
 #[test]
-fn a_broken_batch_is_refused_and_nothing_has_changed() {
+fn a_broken_batch_is_refused_and_changes_nothing() {
     let mut learner = learner("()", 3);
     let before = saved(&learner);
     let breaks: [fn(&mut Transitions); 9] = [
@@ -248,7 +246,7 @@ fn a_loaded_learner_continues_bit_for_bit() {
 }
 
 #[test]
-fn foreign_bytes_are_refused_and_nothing_has_changed() {
+fn foreign_bytes_are_refused_and_change_nothing() {
     let mut original = learner("()", 3);
     let before = saved(&original);
     let mut too_long = before.clone();

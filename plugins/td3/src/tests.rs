@@ -89,7 +89,7 @@ fn target_values(learner: &mut Td3, transitions: &Transitions, actions: &[f32]) 
 }
 
 #[test]
-fn targets_are_the_smaller_of_the_twins() {
+fn targets_come_from_the_smaller_twin() {
     let mut learner: Td3 = learner(&[("target_sigma", "0.0"), ("discount", "0.5"), ("tau", "0.5")]);
     train(&mut learner, 0..20);
     let transitions = Transitions::random::<Td3>(3, 99);
@@ -113,7 +113,7 @@ fn targets_are_the_smaller_of_the_twins() {
 }
 
 #[test]
-fn a_value_is_that_of_the_smaller_twin() {
+fn a_value_comes_from_the_smaller_twin() {
     let mut learner: Td3 = learner(&[("critic_rate", "1e-2")]);
     train(&mut learner, 0..20);
     let found = values(&mut learner);
@@ -157,7 +157,7 @@ fn the_actor_and_all_targets_move_at_every_delayed_update_only() {
 }
 
 #[test]
-fn target_noise_has_its_size_its_bound_and_stays_in_the_box() {
+fn target_noise_keeps_its_deviation_its_bound_and_the_box() {
     let mut learner: Td3 = learner(&[("target_sigma", "0.2"), ("target_clip", "0.3")]);
     learner.agent.body.buffers.next_actions = vec![0.0; 20_000];
     learner.smooth_next_actions();
@@ -174,7 +174,7 @@ fn target_noise_has_its_size_its_bound_and_stays_in_the_box() {
 }
 
 #[test]
-fn target_noise_changes_what_is_learned_and_no_noise_is_possible() {
+fn target_noise_changes_what_is_learned_and_can_be_switched_off() {
     let learned = |sigma: &str, clip: &str| {
         let mut learner: Td3 = learner(&[("target_sigma", sigma), ("target_clip", clip)]);
         train(&mut learner, 0..4);
@@ -185,13 +185,6 @@ fn target_noise_changes_what_is_learned_and_no_noise_is_possible() {
 }
 
 #[test]
-#[ignore = "a measurement: run with --release --nocapture --test-threads 1"]
-fn how_long_it_takes() {
-    continuous::print_how_long_it_takes::<Td3>("(random_steps: 0)");
-}
-
-#[test]
-#[ignore = "run by `cargo xtask test --torch`"]
-fn a_reference_is_written() {
-    reference::a_reference_is_written::<Td3>();
+fn the_same_seed_learns_the_same_weights() {
+    reference::the_same_seed_learns_the_same_weights::<Td3>();
 }

@@ -82,22 +82,22 @@ macro_rules! learner_tests {
 
             // Not those that count allocations or compare bits between numbers of threads: torch promises neither.
             conformance_tests! { $learner, conformance:
-                every_configuration_field_changes_what_can_be_seen,
-                defaults_that_the_manifest_states_are_the_defaults,
+                every_configuration_field_changes_the_behaviour,
+                the_manifest_states_the_defaults,
                 impossible_settings_and_spaces_are_refused,
-                a_broken_batch_is_refused_and_nothing_has_changed,
+                a_broken_batch_is_refused_and_changes_nothing,
                 wrong_arguments_are_refused,
                 a_loaded_learner_continues_bit_for_bit,
-                foreign_bytes_are_refused_and_nothing_has_changed,
+                foreign_bytes_are_refused_and_change_nothing,
                 a_greedy_action_draws_no_random_number,
                 a_member_learns_only_what_its_mask_allows,
-                optimistic_values_begin_at_the_given_one,
+                values_begin_at_the_configured_one,
                 a_loss_that_overflows_is_an_error_and_leaves_values_finite,
             }
             conformance_tests! { $learner, continuous:
-                actions_stay_in_their_box_however_loud_the_noise,
-                gradients_are_those_of_the_values,
-                the_best_action_of_one_step_is_found,
+                actions_stay_in_their_box_whatever_the_noise,
+                gradients_match_finite_differences_of_the_values,
+                the_learner_finds_the_best_action_of_one_step,
                 the_gradient_of_the_actor_is_that_of_the_ensembles_mean,
             }
             conformance_tests! { $learner, gradients:
@@ -105,9 +105,8 @@ macro_rules! learner_tests {
             }
 
             #[test]
-            #[ignore = "run by `cargo xtask test --torch`"]
-            fn the_reference_computes_something_else() {
-                reference::the_reference_computes_something_else::<$learner>();
+            fn the_updates_match_the_reference() {
+                reference::the_updates_match_the_reference::<$learner>();
             }
         }
     };

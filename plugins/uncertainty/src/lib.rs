@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn the_spread_is_the_wrong_one_or_its_limit_does_not_count() {
+    fn the_chosen_spread_is_compared_with_its_limit() {
         let values = [2.0, 4.0, 4.0, 4.0, 5.0, 5.0, 7.0, 9.0];
         for (config, score, verdict) in [
             ("()", 2.0, Verdict::Allow),
@@ -200,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn a_value_that_is_not_finite_is_allowed() {
+    fn non_finite_values_are_rejected_and_missing_ones_are_errors() {
         for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
             for spread in ["Std", "Range"] {
                 let judged = judge(&format!("(spread: {spread})"), &[1.0, bad]);
@@ -211,7 +211,7 @@ mod tests {
     }
 
     #[test]
-    fn the_row_is_not_the_first_order_of_the_spread() {
+    fn the_row_is_the_spread_to_first_order() {
         // Members linear in the action: Q₀ = 1 + a₀, Q₁ = 2 − a₁, Q₂ = 6.
         let gradients = [1.0, 0.0, 0.0, -1.0, 0.0, 0.0];
         let values = |action: [f32; 2]| [1.0 + action[0], 2.0 - action[1], 6.0];
@@ -230,7 +230,7 @@ mod tests {
     }
 
     #[test]
-    fn gradients_that_are_cut_or_not_numbers_give_a_row() {
+    fn truncated_and_nan_gradients_give_no_row() {
         struct Refusing;
         impl Rows for Refusing {
             fn push(&mut self, _: &[f32], _: f32) -> Result<()> {
@@ -244,7 +244,7 @@ mod tests {
     }
 
     #[test]
-    fn a_limit_that_cannot_be_is_accepted() {
+    fn an_invalid_limit_is_refused() {
         for text in ["(limit: NaN)", "(limit: inf)", "(limit: -1.0)"] {
             let made = Uncertainty::create(Config::parse(text).unwrap(), &Setup::new(0, 1, Host::silent()));
             assert_eq!(made.unwrap_err().kind(), ErrorKind::InvalidConfig, "{text}");
@@ -253,7 +253,7 @@ mod tests {
     }
 
     #[test]
-    fn a_foreign_state_is_loaded() {
+    fn a_foreign_state_is_refused() {
         let (mut bytes, mut rule) = (Vec::new(), rule("()"));
         rule.save(&mut bytes).unwrap();
         rule.load(&bytes).unwrap();

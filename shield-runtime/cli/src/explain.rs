@@ -170,7 +170,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn values_are_short() {
+    fn values_are_printed_with_six_digits_at_most() {
         let shown = [5.611_509_6e-14, 0.123_456_79, 0.4, -2.5, 0.0, f32::NAN].map(short);
         assert_eq!(shown, ["5.612e-14", "0.123457", "0.4", "-2.5", "0", "NaN"]);
     }

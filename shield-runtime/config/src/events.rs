@@ -138,7 +138,7 @@ mod tests {
     }
 
     #[test]
-    fn figures_come_back_and_what_follows_a_checkpoint_is_cut_off() {
+    fn scalars_are_read_back_and_those_after_a_checkpoint_cut_off() {
         let run = tempfile::tempdir().unwrap();
         let mut file = EventFile::open(run.path(), &BTreeMap::new()).unwrap();
         file.scalars(5, &[("a/b", 1.5), ("c", 0.0)]).unwrap();
@@ -160,7 +160,7 @@ mod tests {
     }
 
     #[test]
-    fn the_checksum_is_tfrecords() {
+    fn the_checksum_matches_tfrecord() {
         // Length 0 of an empty record, as TensorFlow writes it.
         assert_eq!(crc32c::crc32c(b"123456789"), 0xe306_9283);
         assert_eq!(masked_checksum(&[0; 8]), 0x8c28_b28a_u32.rotate_right(15).wrapping_add(0xa282_ead8));

@@ -167,7 +167,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_written_is_read_and_the_one_before_is_kept() {
+    fn a_written_file_is_read_back_and_the_previous_one_kept() {
         let (folder, path, _) = written();
         let previous = folder.path().join("previous.bin");
         write(&path, Some(&previous), &vec![8u32; 3]).unwrap();
@@ -176,7 +176,7 @@ mod tests {
     }
 
     #[test]
-    fn every_torn_length_and_every_flipped_byte_is_refused() {
+    fn every_truncation_and_every_flipped_byte_is_refused() {
         let (_folder, path, bytes) = written();
         for length in 0..bytes.len() {
             fs::write(&path, &bytes[..length]).unwrap();
@@ -191,7 +191,7 @@ mod tests {
     }
 
     #[test]
-    fn another_format_is_named() {
+    fn an_unknown_format_is_refused_by_number() {
         let (_folder, path, mut bytes) = written();
         bytes[8] = 9;
         fs::write(&path, &bytes).unwrap();

@@ -436,14 +436,14 @@ mod tests {
     }
 
     #[test]
-    fn a_memory_without_room_is_refused() {
+    fn a_replay_buffer_without_room_is_refused() {
         for capacity in [usize::MAX, usize::MAX / 8] {
             assert!(Experience::new(capacity, &spaces(), [1, 1], 1.0).is_err());
         }
     }
 
     #[test]
-    fn a_full_memory_forgets_the_oldest() {
+    fn a_full_replay_buffer_forgets_the_oldest_transitions() {
         let mut rng = Pcg64::seed_from_u64(1);
         let mut experience = Experience::new(3, &spaces(), [1, 1], 1.0).unwrap();
         for value in 0..7 {
@@ -459,7 +459,7 @@ mod tests {
     }
 
     #[test]
-    fn a_memory_that_is_written_and_read_back_samples_the_same() {
+    fn a_restored_replay_buffer_continues_as_the_saved_one() {
         let mut rng = Pcg64::seed_from_u64(3);
         for count in [0, 2, 3, 7] {
             let mut experience = Experience::new(3, &spaces(), [70, 1], 0.5).unwrap();

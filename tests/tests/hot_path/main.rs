@@ -83,7 +83,7 @@ fn filter_step_and_store_allocate_nothing() {
 
 /// Projections with the rows of 20 members and of linear constraints, several of which decide.
 #[test]
-fn a_projected_action_allocates() {
+fn a_projected_action_allocates_nothing() {
     let registry = Registry::scan(&SearchPath::new([plugins_folder()]));
     let id = Selection::new("mujoco/cliff-cheetah");
     let spaces = registry.environment(&id, "", &Setup::new(0, 1, host())).unwrap().spec().spaces;

@@ -72,7 +72,7 @@ fn a_library_in_c_of_a_later_minor_version_works() {
 }
 
 #[test]
-fn half_a_saved_state_is_taken_back() {
+fn a_failed_save_leaves_the_callers_bytes_as_they_were() {
     let rule = create("save_fails", &["SAVE_FAILS"], "()").unwrap();
     let mut bytes = vec![9];
     assert_eq!(rule.save(&mut bytes).unwrap_err(), Error::failed("c/gentle: the disk is full"));
@@ -80,7 +80,7 @@ fn half_a_saved_state_is_taken_back() {
 }
 
 #[test]
-fn the_callers_refusal_of_a_row_ends_the_linearisation() {
+fn an_error_of_the_caller_ends_the_linearisation() {
     struct Full;
     impl Rows for Full {
         fn push(&mut self, _: &[f32], _: f32) -> Result<()> {
@@ -93,7 +93,7 @@ fn the_callers_refusal_of_a_row_ends_the_linearisation() {
 }
 
 #[test]
-fn its_refusal_of_a_configuration_has_a_place() {
+fn a_refused_configuration_has_a_place() {
     let error = create("good_config", &[], "(limit: 1)").unwrap_err();
     let place = Some(Position { line: 1, column: 2 });
     assert_eq!(error.config_fault(), Some(("this rule has no settings", place)));
@@ -101,7 +101,7 @@ fn its_refusal_of_a_configuration_has_a_place() {
 }
 
 #[test]
-fn tables_that_cannot_be_are_refused_before_the_first_call() {
+fn malformed_tables_are_refused_before_the_first_call() {
     for (name, define, expected) in [
         ("null_function", "NULL_FUNCTION", "`evaluate` of its abort-rule table is a null function pointer"),
         ("table_size", "TABLE_SIZE=80", "its abort-rule table says struct_size 80, expected 88"),
@@ -122,7 +122,7 @@ fn tables_that_cannot_be_are_refused_before_the_first_call() {
 }
 
 #[test]
-fn an_instance_that_was_not_made_or_wants_the_unknown_is_refused() {
+fn a_missing_instance_and_an_unknown_need_are_refused() {
     let error = create("no_instance", &["NO_INSTANCE"], "()").unwrap_err().to_string();
     assert_eq!(error, "c/gentle: `create` reports success, but made no instance");
     let error = create("unknown_need", &["UNKNOWN_NEED"], "()").unwrap_err().to_string();
@@ -130,7 +130,7 @@ fn an_instance_that_was_not_made_or_wants_the_unknown_is_refused() {
 }
 
 #[test]
-fn answers_that_mean_nothing_are_errors() {
+fn meaningless_answers_are_errors() {
     for (name, define, expected) in [
         ("verdict", "UNKNOWN_VERDICT", "c/gentle: `evaluate` gave the unknown verdict 7"),
         ("no_verdict", "NO_VERDICT", "c/gentle: `evaluate` gave the unknown verdict 0"),

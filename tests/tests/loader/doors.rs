@@ -133,7 +133,7 @@ fn a_library_that_aborts_on_panic_is_refused_from_the_file_alone() {
 }
 
 #[test]
-fn text_is_no_library() {
+fn a_text_file_is_refused() {
     let folder = tempdir().unwrap();
     let path = folder.path().join("notes.so");
     fs::write(&path, "This is not a library.").unwrap();
@@ -154,12 +154,12 @@ fn a_truncated_library_is_refused_wherever_it_is_cut() {
 }
 
 #[test]
-fn a_file_that_is_not_there_is_named() {
+fn a_missing_file_is_refused_by_name() {
     check_refusal(&tempdir().unwrap().path().join("gone.so"), &["cannot be read"]);
 }
 
 #[test]
-fn a_library_without_a_manifest_is_somebody_elses() {
+fn a_library_without_a_manifest_is_refused() {
     check_refusal(&c_fixture("no_manifest", &["NO_MANIFEST"]), &["has no section `.shield_manifest`"]);
 }
 

@@ -17,7 +17,7 @@ fn line(config: &str) -> Result<LoadedEnvironment, PluginError> {
 }
 
 #[test]
-fn an_environment_steps_starts_and_continues() {
+fn an_environment_steps_restores_its_state_and_has_named_starts() {
     // The loop of the runtime knows only the trait.
     let mut line: Box<dyn Environment> = Box::new(line("(scale: 0.5)").unwrap());
     let spec = line.spec();
@@ -44,7 +44,7 @@ fn an_environment_steps_starts_and_continues() {
 }
 
 #[test]
-fn the_kind_of_a_hard_reset_is_lost_or_one_that_does_not_exist_is_believed() {
+fn the_kind_of_a_hard_reset_is_reported_and_an_unknown_one_is_an_error() {
     let mut line = line("").unwrap();
     let kinds: Vec<_> = line.reset_kinds().into_iter().map(|kind| (kind.name, kind.cost)).collect();
     assert_eq!(kinds, [("near".to_owned(), 0.5), ("far".to_owned(), 8.0)]);
@@ -172,7 +172,7 @@ fn session(library: &Path) -> (Vec<f32>, Vec<u8>) {
 
 /// One of the two is built as this host is, the other one is not.
 #[test]
-fn an_optimised_library_and_one_that_is_not_answer_the_same_host_differently() {
+fn an_optimised_library_and_an_unoptimised_one_answer_alike() {
     let answers = session(&fixture("every-kind"));
     assert!(
         answers.0.iter().all(|answer| answer.is_finite()) && answers.0[0] != answers.0[76],
@@ -208,7 +208,7 @@ fn a_fault_in_a_configuration_has_its_place_in_the_text() {
 }
 
 #[test]
-fn a_plugin_of_another_kind_or_file_is_named() {
+fn a_plugin_of_another_kind_or_file_is_refused_by_name() {
     let registry = Registry::default();
     let error = registry.learner(&choice("fixture/line"), "", &setup()).unwrap_err();
     assert!(matches!(error, PluginError::WrongKind { found: Kind::Environment, wanted: Kind::Learner, .. }));
@@ -220,7 +220,7 @@ fn a_plugin_of_another_kind_or_file_is_named() {
 }
 
 #[test]
-fn without_spaces_only_an_environment_can_be_made() {
+fn a_policy_without_spaces_is_refused() {
     let setup = Setup::new(0, 1, host());
     let error = Registry::default().policy(&choice("fixture/follower"), "", &setup).unwrap_err();
     assert_eq!(error.to_string(), "fixture/follower: the host must give it the spaces of the environment");
@@ -241,7 +241,7 @@ impl Log for Lines {
 }
 
 #[test]
-fn log_lines_and_figures_of_a_plugin_reach_the_host() {
+fn log_lines_and_metrics_of_a_plugin_reach_the_host() {
     static LINES: Lines = Lines(Mutex::new(Vec::new()));
     log::set_logger(&LINES).unwrap();
     log::set_max_level(log::LevelFilter::Info);
@@ -286,7 +286,7 @@ fn the_plugins_of_this_repository_are_found_and_work() {
 
 /// The manifest's defaults are text; `config.ron` is written from them.
 #[test]
-fn the_defaults_in_a_manifest_are_a_configuration() {
+fn every_plugin_reads_the_defaults_of_its_manifest() {
     let executable = std::env::current_exe().unwrap();
     let registry = Registry::scan(&SearchPath::new([executable.parent().unwrap()]));
     assert!(registry.entries().len() >= 10, "{:?}", registry.skipped());

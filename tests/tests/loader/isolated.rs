@@ -43,7 +43,7 @@ const ENDS: [(&str, &str); 4] = [
 ];
 
 #[test]
-fn an_end_in_a_step_ends_the_host_or_hides_its_reason() {
+fn a_process_that_ends_in_a_step_is_an_error_with_the_reason() {
     for (end, expected) in ENDS {
         let mut world = world(&format!("(end: {end:?}, after: 2)"), ISOLATION).unwrap();
         let mut observation = [0.0];
@@ -59,20 +59,20 @@ fn an_end_in_a_step_ends_the_host_or_hides_its_reason() {
 }
 
 #[test]
-fn what_a_plugin_printed_before_its_end_is_lost() {
+fn what_a_plugin_printed_before_its_end_is_reported() {
     let error = world("(end: \"exit\")", ISOLATION).unwrap().step(&[0.0], &mut [0.0]).unwrap_err();
     assert!(error.message().ends_with("the licence has run out"), "{error}");
 }
 
 #[test]
-fn a_hang_lasts_longer_than_its_limit() {
+fn a_hang_ends_at_its_time_limit() {
     let error = world("(end: \"hang\")", HASTY).unwrap().step(&[0.0], &mut [0.0]).unwrap_err();
     assert!(error.message().contains("no answer within 0.3 s"), "{error}");
     assert!(error.message().contains("worker.step_timeout_s"), "{error}");
 }
 
 #[test]
-fn an_end_in_create_is_no_error_of_the_experiment() {
+fn a_process_that_ends_in_create_is_an_error_with_the_reason() {
     for (end, expected) in ENDS {
         let error = world(&format!("(end: {end:?}, within: \"create\")"), RESTARTING).unwrap_err();
         assert!(matches!(error, PluginError::Create { .. }), "{error:?}");
@@ -84,14 +84,14 @@ fn an_end_in_create_is_no_error_of_the_experiment() {
 }
 
 #[test]
-fn a_fault_in_the_configuration_loses_its_place() {
+fn a_fault_in_the_configuration_has_its_place() {
     let error = world("(end: \"exit\",\n after: true)", ISOLATION).unwrap_err();
     let (message, position) = error.config_fault().unwrap();
     assert_eq!(position.unwrap().line, 2, "{message}");
 }
 
 #[test]
-fn a_world_that_was_lost_is_not_there_again() {
+fn a_lost_environment_is_started_again() {
     for (end, _) in ENDS {
         let mut world = world(&format!("(end: {end:?}, after: 1)"), RESTARTING).unwrap();
         let was_restarted = world.was_restarted();
@@ -108,7 +108,7 @@ fn a_world_that_was_lost_is_not_there_again() {
 }
 
 #[test]
-fn a_world_that_never_works_is_started_for_ever() {
+fn an_environment_that_never_works_is_started_again_three_times_only() {
     let mut world = world("(end: \"exit\")", RESTARTING).unwrap();
     let restarts = (0..10).filter(|_| {
         let done = world.reset(0, &mut [0.0]).and_then(|()| world.step(&[0.0], &mut [0.0]).map(|_| ()));
@@ -123,7 +123,7 @@ fn a_world_that_never_works_is_started_for_ever() {
 }
 
 #[test]
-fn a_policy_that_was_lost_is_not_asked_again() {
+fn a_lost_policy_is_started_and_asked_again() {
     let mut action = [1.0];
     let mut actor = actor("(end: \"exit\", after: 2)", RESTARTING);
     for _ in 0..7 {
@@ -135,7 +135,7 @@ fn a_policy_that_was_lost_is_not_asked_again() {
 }
 
 #[test]
-fn the_figures_of_an_isolated_plugin_are_lost() {
+fn the_metrics_of_an_isolated_plugin_reach_the_host() {
     let mut actor = actor("", ISOLATION);
     let metrics = Metrics::default();
     for _ in 0..3 {
@@ -147,7 +147,7 @@ fn the_figures_of_an_isolated_plugin_are_lost() {
 }
 
 #[test]
-fn a_plugin_that_aborts_when_it_panics_is_refused_although_isolated() {
+fn a_plugin_that_aborts_on_panic_runs_when_isolated() {
     let choice = Selection::new("fixture/idle").at(fixture("aborting"));
     let mut idle = registry().isolated_policy(&choice, "", &setup(), ISOLATION).unwrap();
     let mut action = [1.0];
@@ -156,7 +156,7 @@ fn a_plugin_that_aborts_when_it_panics_is_refused_although_isolated() {
 }
 
 #[test]
-fn an_isolated_world_is_another_than_the_loaded_one() {
+fn an_isolated_environment_behaves_as_the_loaded_one() {
     let choice = Selection::new("fixture/line").at(fixture("every-kind"));
     let (registry, setup) = (registry(), Setup::new(3, 1, host()));
     let loaded = registry.environment(&choice, "", &setup).unwrap();

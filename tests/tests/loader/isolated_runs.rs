@@ -27,7 +27,7 @@ fn summary(folder: &Path) -> Value {
 }
 
 #[test]
-fn a_segmentation_fault_in_an_isolated_environment_ends_the_program() {
+fn a_segmentation_fault_in_an_isolated_environment_fails_the_run_with_a_summary() {
     let folder = tempfile::tempdir().unwrap();
     let output = run(folder.path(), "fault", "isolate: true");
     let message = String::from_utf8_lossy(&output.stderr);
@@ -39,7 +39,7 @@ fn a_segmentation_fault_in_an_isolated_environment_ends_the_program() {
 }
 
 #[test]
-fn a_hang_is_not_cut_short_by_the_limit_of_the_experiment() {
+fn the_time_limit_of_the_experiment_ends_a_hang() {
     let folder = tempfile::tempdir().unwrap();
     let output = run(folder.path(), "hang", "isolate: true, worker: (step_timeout_s: 0.5)");
     let message = String::from_utf8_lossy(&output.stderr);
@@ -47,7 +47,7 @@ fn a_hang_is_not_cut_short_by_the_limit_of_the_experiment() {
 }
 
 #[test]
-fn a_lost_world_ends_the_run_although_it_may_be_started_again() {
+fn a_run_continues_with_a_restarted_environment() {
     let folder = tempfile::tempdir().unwrap();
     let output = run(folder.path(), "exit", "isolate: true, worker: (on_failure: Restart)");
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));

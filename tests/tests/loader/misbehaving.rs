@@ -207,14 +207,14 @@ fn a_panic_in_drop_stays_in_the_plugin() {
 }
 
 #[test]
-fn an_ability_that_is_missing_is_said_to_be_unsupported() {
+fn a_missing_ability_is_reported_as_unsupported() {
     let error = world("").unwrap().load(&[]).unwrap_err();
     assert_eq!(error.kind(), ErrorKind::Unsupported);
     assert_eq!(error.message(), "faulty/world: loading a state is not supported by this plugin");
 }
 
 #[test]
-fn an_environment_that_gives_no_numbers_is_an_error() {
+fn non_finite_numbers_of_an_environment_are_errors() {
     let mut observation = [0.5];
     for fault in ["NaN in reset", "forgotten observation"] {
         check_failed(
@@ -232,7 +232,7 @@ fn an_environment_that_gives_no_numbers_is_an_error() {
 }
 
 #[test]
-fn an_agent_that_gives_no_numbers_is_an_error() {
+fn non_finite_numbers_of_an_agent_are_errors() {
     let (observation, mut action, mut values, mut gradients) = ([0.0], [0.0], [0.0], [0.0]);
     check_failed(
         agent("NaN action").unwrap().act(&observation, ActMode::Greedy, &mut action),
@@ -257,7 +257,7 @@ fn an_agent_that_gives_no_numbers_is_an_error() {
 }
 
 #[test]
-fn an_output_that_the_plugin_forgot_is_not_what_was_there_before() {
+fn an_output_that_the_plugin_leaves_unwritten_is_an_error() {
     let mut agent = agent("forgetful").unwrap();
     let observation = [0.0];
     check_failed(
@@ -282,7 +282,7 @@ fn an_output_that_the_plugin_forgot_is_not_what_was_there_before() {
 }
 
 #[test]
-fn a_rule_or_task_that_gives_no_numbers_is_an_error() {
+fn nan_from_a_rule_or_a_reset_task_is_an_error() {
     check_failed(
         rule("NaN score").evaluate(&CONTEXT, &mut Reason::new(&mut [])),
         "faulty/rule: `evaluate` gave NaN for the score",
@@ -293,7 +293,7 @@ fn a_rule_or_task_that_gives_no_numbers_is_an_error() {
 }
 
 #[test]
-fn a_refused_row_is_an_error_even_if_the_rule_does_not_care() {
+fn a_refused_row_is_an_error_even_if_the_rule_ignores_it() {
     struct Nothing(usize);
     impl Rows for Nothing {
         fn push(&mut self, _: &[f32], _: f32) -> Result<()> {

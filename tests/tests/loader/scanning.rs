@@ -27,7 +27,7 @@ fn scan(folders: &[&Path]) -> Registry {
 }
 
 #[test]
-fn listing_shows_plugins_and_what_was_skipped_with_its_reason() {
+fn a_scan_lists_plugins_and_skipped_files_with_the_reason() {
     let folder = folder(&[
         &fixture("every-kind"),
         &fixture("other-major"),
@@ -66,7 +66,7 @@ fn listing_shows_plugins_and_what_was_skipped_with_its_reason() {
 }
 
 #[test]
-fn an_unknown_id_lists_similar_ones_and_where_it_was_looked_for() {
+fn an_unknown_id_is_reported_with_similar_ones_and_the_searched_folders() {
     let folder = folder(&[&fixture("every-kind")]);
     let gone = folder.path().join("gone");
     let registry = scan(&[folder.path(), &gone]);
@@ -80,7 +80,7 @@ fn an_unknown_id_lists_similar_ones_and_where_it_was_looked_for() {
 }
 
 #[test]
-fn a_wrong_kind_is_said() {
+fn a_plugin_of_the_wrong_kind_is_reported() {
     let folder = folder(&[&fixture("every-kind")]);
     let message = scan(&[folder.path()]).find("fixture/line", Kind::Learner).unwrap_err().to_string();
     assert!(
@@ -112,7 +112,7 @@ fn a_duplicate_id_names_both_files_when_it_is_asked_for() {
 }
 
 #[test]
-fn one_file_on_two_ways_is_no_duplicate() {
+fn one_file_found_twice_is_not_a_duplicate() {
     let first = folder(&[&fixture("every-kind")]);
     let second = tempdir().unwrap();
     let name = fixture("every-kind").file_name().unwrap().to_owned();

@@ -42,7 +42,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_folder_of_this_machine_or_a_newer_glibc_is_overlooked() {
+    fn every_run_path_and_the_newest_glibc_are_found() {
         let dynamic = " 0x000000000000000f (RPATH)              Library rpath: [/home/a/target]
  0x000000000000001d (RUNPATH)            Library runpath: [$ORIGIN:/usr/lib]
  0x0000000000000001 (NEEDED)             Shared library: [libm.so.6]\n";

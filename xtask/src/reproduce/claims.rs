@@ -274,7 +274,7 @@ mod tests {
     use crate::reproduce::experiments::EXPERIMENTS;
 
     #[test]
-    fn every_claim_names_an_experiment_that_there_is() {
+    fn every_claim_names_an_existing_experiment() {
         for claim in CLAIMS {
             assert!(
                 EXPERIMENTS.iter().any(|experiment| experiment.name == claim.experiment),
@@ -309,7 +309,7 @@ mod tests {
     }
 
     #[test]
-    fn variants_that_never_abort_are_said_to_combine_alike() {
+    fn variants_that_never_abort_leave_a_claim_untested() {
         let mut measured = record([50, 50], [60.0, 60.0]);
         let judge = |record: &Record| alike(&record.variants.iter().collect::<Vec<_>>()).unwrap().verdict;
         assert_eq!(judge(&measured), Verdict::Untested);

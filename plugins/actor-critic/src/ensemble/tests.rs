@@ -257,7 +257,7 @@ fn initial_weights_have_the_published_bounds() {
 }
 
 #[test]
-fn no_member_is_no_ensemble() {
+fn an_ensemble_without_members_is_refused() {
     let architecture = Architecture::critic(OBSERVATION, ACTION, &[4], 1, Activation::Tanh).unwrap();
     assert!(matches!(
         Ensemble::<f32>::new(architecture, Initialisation::Lillicrap, 0, 1, &mut Pcg64::seed_from_u64(0)),

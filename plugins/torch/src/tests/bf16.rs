@@ -19,7 +19,7 @@ fn learned<P: Precision>() -> Vec<f32> {
 }
 
 #[test]
-fn bf16_learns_nearly_the_same_and_not_quite() {
+fn bf16_learns_nearly_what_f32_learns() {
     let (full, short) = (learned::<F32>(), learned::<Bf16>());
     assert_ne!(full, short);
     for (full, short) in full.iter().zip(&short) {

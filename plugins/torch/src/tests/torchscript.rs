@@ -51,7 +51,7 @@ fn the_actions_are_those_of_the_file() {
 }
 
 #[test]
-fn a_file_that_cannot_be_played_is_refused_before_the_run() {
+fn an_unusable_file_is_refused_before_the_run() {
     let folder = tempfile::tempdir().unwrap();
     let path = export(folder.path());
     let no_module = folder.path().join("text.pt");
@@ -67,7 +67,7 @@ fn a_file_that_cannot_be_played_is_refused_before_the_run() {
 }
 
 #[test]
-fn wrong_arguments_and_answers_that_are_no_numbers_are_refused() {
+fn wrong_arguments_and_non_finite_answers_are_refused() {
     let folder = tempfile::tempdir().unwrap();
     let mut policy = policy(export(folder.path()), false, 3).unwrap();
     let mut action = [0.0; 2];
@@ -78,7 +78,7 @@ fn wrong_arguments_and_answers_that_are_no_numbers_are_refused() {
 }
 
 #[test]
-fn the_policy_of_the_example_drives_elsewhere_than_to_its_goal() {
+fn the_policy_of_the_example_drives_to_its_goal() {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../../examples/policies/cart.pt");
     let mut cart = policy_for(path.into(), true, 6, Space::uniform(1, -2.0, 2.0)).unwrap();
     for (position, velocity) in [(0.0, 0.0), (0.9, 0.0), (0.85, 0.2), (1.0, -0.1)] {

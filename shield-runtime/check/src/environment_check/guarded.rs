@@ -68,7 +68,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn one_number_too_far_is_noticed() {
+    fn a_write_outside_a_buffer_or_into_an_input_is_noticed() {
         let mut output = Guarded::output("action", 2);
         output.slice_mut().copy_from_slice(&[1.0, f32::NAN]);
         assert!(output.checked().is_ok());

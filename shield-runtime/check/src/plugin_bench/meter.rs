@@ -113,7 +113,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn short_calls_are_grouped_and_what_is_unsupported_is_passed_over() {
+    fn short_calls_are_grouped_and_unsupported_ones_skipped() {
         let (mut heard, mut calls) = (Vec::new(), 0_u64);
         let mut tell = |name: &str| heard.push(name.to_owned());
         let mut meter = Meter::new(Duration::from_millis(5), &mut tell);
@@ -136,7 +136,7 @@ mod tests {
     }
 
     #[test]
-    fn what_has_to_be_prepared_is_prepared_before_each_call_and_not_timed() {
+    fn each_call_is_prepared_outside_the_measured_time() {
         struct Slow {
             is_prepared: bool,
         }

@@ -161,7 +161,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn times_and_counts_are_written_so_that_they_can_be_compared_at_a_glance() {
+    fn times_are_printed_with_three_digits_and_counts_as_whole_numbers() {
         for (nanoseconds, expected) in [
             (4.256, "4.26 ns"),
             (12.3, "12.3 ns"),

@@ -73,7 +73,7 @@ mod tests {
     use shield_config::experiment::ExperimentFile;
 
     #[test]
-    fn the_example_of_every_kind_is_a_field_of_an_experiment() {
+    fn the_example_of_every_kind_fits_into_an_experiment() {
         let field = ManifestField {
             name: "limit".into(),
             kind: "f32".into(),

@@ -204,7 +204,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn an_id_is_something_that_a_crate_and_a_file_can_be_called() {
+    fn an_id_is_a_valid_name_of_a_crate_and_a_file() {
         for good in ["a", "acme/my-rule", "a1/b_2"] {
             assert_eq!(check_id(good), Ok(()));
         }

@@ -165,7 +165,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn positions_and_offsets_are_inverse_in_characters() {
+    fn positions_and_offsets_convert_into_each_other() {
         let text = "äb\n\nc";
         for offset in (0..=text.len()).filter(|offset| text.is_char_boundary(*offset)) {
             let Position { line, column } = position_at(text, offset);
@@ -176,14 +176,14 @@ mod tests {
     }
 
     #[test]
-    fn only_near_names_are_proposed() {
+    fn only_similar_names_are_proposed() {
         let known = ["steps", "seeds"];
         assert_eq!(did_you_mean("stpes", known).as_deref(), Some("did you mean `steps`?"));
         assert_eq!(did_you_mean("gamma", known), None);
     }
 
     #[test]
-    fn a_plugins_sentence_about_an_unknown_name_has_a_remedy() {
+    fn a_plugins_message_about_an_unknown_field_gets_a_remedy() {
         let message =
             "Unexpected field named `qmin` in `Config`, expected either `q_min` or `combine` instead";
         assert_eq!(remedy_of(message).as_deref(), Some("did you mean `q_min`?"));

@@ -148,7 +148,7 @@ mod tests {
     }
 
     #[test]
-    fn values_are_replaced_and_missing_fields_written() {
+    fn an_override_replaces_a_value_or_adds_a_missing_field() {
         let check = |text, path, expect: Result<&str, &str>| {
             let found = set_in(text, path, "7");
             assert_eq!(found, expect.map(str::to_owned).map_err(str::to_owned), "{text} {path}");

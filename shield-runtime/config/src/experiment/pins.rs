@@ -49,7 +49,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn pins_are_written_or_replaced_and_the_rest_of_the_file_stays() {
+    fn pins_are_added_or_replaced_and_the_rest_of_the_file_stays() {
         let pins = [("a/b".to_string(), "12".to_string())];
         let map = "{\n        \"a/b\": \"12\",\n    }";
         for (before, after) in [

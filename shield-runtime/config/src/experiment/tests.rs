@@ -56,7 +56,7 @@ fn config(choice: &PluginChoice) -> &str {
 }
 
 #[test]
-fn the_example_of_the_architecture_is_accepted() {
+fn the_example_experiment_is_accepted() {
     let variants = file(EXAMPLE).variants(&[], None).unwrap();
     let names: Vec<&str> = variants.iter().map(|variant| variant.name.as_str()).collect();
     assert_eq!(names, ["shielded", "status-quo", "q_min-5"]);
@@ -128,7 +128,7 @@ fn check_field(field: &str, message: &str) {
 }
 
 #[test]
-fn faults_of_syntax_and_type_are_where_the_user_finds_them() {
+fn faults_of_syntax_and_type_are_refused_with_their_place() {
     check("Experiment(\n  name: \"x\",\n  @", "unexpected end of RON");
     check("(\n  name: \"x\" @steps: 5)", "expected comma");
     check(
@@ -166,7 +166,7 @@ fn faults_of_syntax_and_type_are_where_the_user_finds_them() {
 }
 
 #[test]
-fn values_that_cannot_be_run_are_refused_where_they_stand() {
+fn invalid_values_are_refused_with_their_place() {
     let small = |from: &str, to: &str| SMALL.replace('@', "").replacen(from, to, 1);
     check(
         &small("\"x\"", "@\"a/b\""),
@@ -333,7 +333,7 @@ fn faults_of_variants_name_the_variant_and_the_override() {
 }
 
 #[test]
-fn composed_rules_are_read_another_way_than_they_are_written() {
+fn composed_rules_are_read_as_they_are_written() {
     let rules = r#"shield: (rules: [
         (plugin: "a", config: (x: 1)),
         Any([All([(plugin: "b"), Rule(plugin: "c")]), (plugin: "d", config: (y: 2))]),
@@ -363,7 +363,7 @@ fn composed_rules_are_read_another_way_than_they_are_written() {
 }
 
 #[test]
-fn overrides_of_the_command_line_come_last_and_are_named() {
+fn overrides_of_the_command_line_come_last_and_errors_name_them() {
     let example = file(EXAMPLE);
     let variants = example.variants(&sets(&["shield.rules[0].config.q_min=7", "steps=5"]), None).unwrap();
     assert!(variants.iter().all(|variant| variant.experiment.steps == 5));
@@ -389,7 +389,7 @@ fn overrides_of_the_command_line_come_last_and_are_named() {
 }
 
 #[test]
-fn overrides_reach_fields_that_are_absent() {
+fn overrides_add_absent_fields() {
     let variant = only(
         &small(""),
         &[
@@ -414,7 +414,7 @@ fn overrides_reach_fields_that_are_absent() {
 }
 
 #[test]
-fn a_base_may_leave_to_its_variants_what_they_all_give() {
+fn a_required_field_may_be_given_by_every_variant_instead() {
     let text = r#"(name: "x", steps: 1, seeds: [0], mode: StatusQuo, forward: Learner(plugin: "f"),
         variants: {"a": [("environment", (plugin: "a"))], "b": [("environment.plugin", "b")]})"#;
     let variants = file(text).variants(&[], None).unwrap();
@@ -438,7 +438,7 @@ fn variants_are_chosen_by_name() {
 }
 
 #[test]
-fn what_a_plugin_reports_is_found_in_the_users_file() {
+fn a_fault_that_a_plugin_reports_is_located_in_the_users_file() {
     let text = SMALL.replace(
         '@',
         r#", reset: (plugin: "r", config: // first
@@ -567,13 +567,13 @@ Experiment(
 "#;
 
 #[test]
-fn a_file_that_cannot_be_read_is_named() {
+fn an_unreadable_file_is_refused_by_name() {
     let error = ExperimentFile::read("no/such.ron").unwrap_err();
     assert!(error.to_string().starts_with("no/such.ron: the file cannot be read: "), "{error}");
 }
 
 #[test]
-fn a_damaged_file_panics_or_is_faulted_outside_itself() {
+fn every_fault_of_a_damaged_file_lies_inside_it() {
     let ends: Vec<usize> = EXAMPLE.char_indices().map(|(offset, _)| offset).collect();
     let mut refused = 0;
     for pair in ends.windows(2) {

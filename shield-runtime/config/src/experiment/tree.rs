@@ -331,7 +331,7 @@ mod tests {
     }
 
     #[test]
-    fn spans_leave_out_comments_and_see_through_strings() {
+    fn spans_exclude_comments_and_respect_strings() {
         let check = |text: &str, expect: &[&str]| {
             let found = values(text);
             assert_eq!(found[1..], *expect, "{text}");

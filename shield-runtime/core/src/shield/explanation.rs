@@ -60,7 +60,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn only_the_last_word_is_kept() {
+    fn only_the_reason_of_a_panic_is_kept() {
         let mut why = Explanation::new();
         why.failed(Cause::RuleFailed, &Error::failed("not today"));
         why.forget();

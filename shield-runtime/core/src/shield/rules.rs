@@ -135,7 +135,7 @@ mod tests {
     }
 
     #[test]
-    fn a_branch_is_forgotten_or_one_rule_of_many_is_enough() {
+    fn all_needs_every_rule_and_any_needs_one_branch() {
         let holds = |allowed: &[usize]| shape().holds(&|rule| allowed.contains(&rule));
         assert!(holds(&[0, 1]) && holds(&[0, 2, 3]));
         assert!(!holds(&[1, 2, 3]) && !holds(&[0, 2]) && !holds(&[0]) && !holds(&[]));
@@ -143,7 +143,7 @@ mod tests {
     }
 
     #[test]
-    fn the_wrong_rules_are_blamed() {
+    fn the_rules_that_reject_are_blamed() {
         let blamed = |allowed: &[usize]| {
             let mut blamed = Vec::new();
             shape().blame(&|rule| allowed.contains(&rule), &mut |rule| blamed.push(rule));
@@ -155,7 +155,7 @@ mod tests {
     }
 
     #[test]
-    fn more_programs_than_can_be_solved_are_accepted() {
+    fn more_than_64_programs_are_refused() {
         let pair = |first| Any(vec![Rule(first), Rule(first + 1)]);
         assert_eq!(All((0..6).map(|index| pair(2 * index)).collect()).programs().unwrap().len(), 64);
         assert!(All((0..7).map(|index| pair(2 * index)).collect()).programs().is_err());

@@ -111,13 +111,13 @@ mod tests {
     }
 
     #[test]
-    fn a_newer_minor_version_is_welcome() {
+    fn a_newer_minor_version_is_accepted() {
         let language = check_manifests(Path::new("a.so"), &[manifest("c"), manifest("c")]);
         assert_eq!(language, Ok(Language::C));
     }
 
     #[test]
-    fn a_library_of_two_languages_has_no_door() {
+    fn a_library_of_two_languages_is_refused() {
         let error = check_manifests(Path::new("a.so"), &[manifest("rust"), manifest("c")]).unwrap_err();
         assert!(error.to_string().contains("name different languages"), "{error}");
     }

@@ -85,7 +85,7 @@ mod tests {
     }
 
     #[test]
-    fn the_data_folder_of_the_desktop_wins_over_the_home_folder() {
+    fn xdg_data_home_wins_over_the_home_folder() {
         assert_eq!(folders(None, Some("/data")), ["/bin", "/bin/plugins", "/data/shield/plugins"]);
     }
 }

@@ -208,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn memories_smaller_and_larger_than_a_segment_come_back_and_old_segments_go() {
+    fn replay_buffers_of_every_size_are_restored_and_old_segments_deleted() {
         for (capacity, between) in [(10, 3), (10, 25), (70_000, 40_000), (200_000, 90_000)] {
             let folder = tempfile::tempdir().unwrap();
             let mut experience = memory(capacity);
@@ -236,7 +236,7 @@ mod tests {
     }
 
     #[test]
-    fn what_was_appended_after_a_checkpoint_is_cut_off() {
+    fn rows_appended_after_a_checkpoint_are_cut_off() {
         let folder = tempfile::tempdir().unwrap();
         let mut experience = memory(100);
         let mut log = ExperienceLog::new(folder.path());

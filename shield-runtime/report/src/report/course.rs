@@ -130,7 +130,7 @@ mod tests {
     }
 
     #[test]
-    fn a_lifetime_counts_both_phases_and_episodes_count_from_their_end() {
+    fn the_lifetime_return_counts_both_phases_at_the_end_of_each_episode() {
         let episodes =
             [episode(30, "forward", 4.0, 0), episode(50, "reset", 0.5, 1), episode(100, "forward", 2.0, 1)];
         let course = Course::of(&episodes, 100);

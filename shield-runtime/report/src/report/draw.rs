@@ -184,7 +184,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn axes_have_short_figures() {
+    fn axis_labels_are_short() {
         let labels = [(0.0, 60_000.0), (20_000.0, 60_000.0), (2_500_000.0, 5e6), (0.25, 0.5), (40.0, 80.0)];
         let labels = labels.map(|(figure, largest)| label(figure, [0.0, largest]));
         assert_eq!(labels, ["0", "20k", "2.5M", "0.25", "40"]);
@@ -195,7 +195,7 @@ mod tests {
     }
 
     #[test]
-    fn a_title_stands_over_a_picture_and_leaves_it_as_it_is() {
+    fn a_title_is_drawn_above_the_unchanged_picture() {
         let picture = Picture::of(40, vec![7; 3 * 40 * 30]);
         let whole = titled(&picture, "a: where aborts happened, at most 18% in a cell").unwrap();
         let strip = (TITLE_STRIP * DENSITY) as usize;
@@ -205,7 +205,7 @@ mod tests {
     }
 
     #[test]
-    fn a_smaller_picture_has_the_means_of_its_pixels() {
+    fn a_smaller_picture_averages_the_pixels() {
         let wide = [0, 0, 0, 100, 100, 100, 20, 20, 20, 40, 40, 40];
         let pixels: Vec<u8> = wide.iter().chain(&wide).copied().collect();
         assert_eq!(smaller(&pixels, 4, 2), [50, 50, 50, 30, 30, 30]);

@@ -99,7 +99,7 @@ mod tests {
     }
 
     #[test]
-    fn of_many_aborts_some_are_kept_and_all_are_counted() {
+    fn some_of_many_aborts_are_kept_and_all_are_counted() {
         let aborts: Vec<Vec<f32>> = (0..1_000).map(|index| vec![index as f32, 7.0, 1.0]).collect();
         let Places::Points { of, points, .. } = Places::of(&aborts, [2, 0]) else { panic!("cells") };
         assert_eq!((of, points[1]), (1_000, [1.0, 4.0]));
@@ -107,7 +107,7 @@ mod tests {
     }
 
     #[test]
-    fn a_narrow_range_is_not_rounded_to_stripes() {
+    fn coordinates_keep_their_significant_digits() {
         assert_eq!([-0.000_123_456, 0.5, 12.345_67, 0.0].map(short), [-0.000_123_5, 0.5, 12.346, 0.0]);
     }
 }

@@ -255,7 +255,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn variants_are_listed_by_the_number_at_their_end() {
+    fn variants_are_sorted_by_the_number_at_their_end() {
         let mut names = vec!["q_min-10", "status-quo", "q_min-0.4", "q_min-2", "ours"];
         names.sort_by(|one, other| natural_order(one, other));
         assert_eq!(names, ["ours", "q_min-0.4", "q_min-2", "q_min-10", "status-quo"]);

@@ -49,7 +49,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn quartiles_lie_between_the_figures_as_numpy_has_them() {
+    fn quartiles_are_interpolated_as_in_numpy() {
         let spread = Spread::of([4.0, 1.0, 3.0, f64::NAN, 2.0]).unwrap();
         assert_eq!(spread, Spread { lower: 1.75, median: 2.5, upper: 3.25 });
         assert_eq!(Spread::of([7.0]).unwrap(), Spread { lower: 7.0, median: 7.0, upper: 7.0 });
@@ -57,7 +57,7 @@ mod tests {
     }
 
     #[test]
-    fn an_even_number_of_seeds_has_the_mean_of_the_middle_as_median() {
+    fn the_median_of_an_even_number_is_the_mean_of_the_middle_two() {
         assert_eq!(median(&[4.0, 1.0, 2.0, 9.0]), 3.0);
         let shown = [2.0, 2.5, 2.25].map(|figure| show(figure, 0));
         assert_eq!(shown, ["2", "2.5", "2"]);

@@ -44,7 +44,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_program_that_is_missing_is_said_to_be_with_the_remedy() {
+    fn a_missing_program_is_reported_with_the_remedy() {
         let folder = tempfile::tempdir().unwrap();
         let test = folder.path().join("deps/test");
         let error = beside(&test).unwrap_err();

@@ -60,7 +60,7 @@ impl AbortRule for [[ type ]] {
 
 <% block tests %>
     #[test]
-    fn a_hard_push_is_rejected_and_says_why() {
+    fn a_hard_push_is_rejected_with_a_reason() {
         let rule = [[ type ]] { limit: 0.5 };
         let context = |proposed| RuleContext { proposed, ..RuleContext::default() };
         let mut room = [0; 100];

@@ -64,7 +64,7 @@ impl Environment for [[ type ]] {
 
 <% block tests %>
     #[test]
-    fn whoever_goes_on_to_the_right_falls_and_stays_down() {
+    fn driving_to_the_right_ends_in_an_irreversible_fall() {
         let mut world = [[ type ]]::create(Settings::default(), &Setup::new(0, 1, Host::silent())).unwrap();
         let mut observation = [0.0];
         world.reset(0, &mut observation).unwrap();

@@ -47,7 +47,7 @@ impl Policy for [[ type ]] {
     }
 
     #[test]
-    fn it_pushes_half_as_hard_as_it_can() {
+    fn the_policy_pushes_half_as_hard_as_it_can() {
         let mut policy = [[ type ]]::create(Settings::default(), &setup()).unwrap();
         let mut action = [0.0];
         policy.act(&[0.0, 0.0], &mut action).unwrap();

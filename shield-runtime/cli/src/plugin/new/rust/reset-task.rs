@@ -40,7 +40,7 @@ impl ResetTask for [[ type ]] {
 
 <% block tests %>
     #[test]
-    fn only_what_is_near_counts_as_reset() {
+    fn only_observations_near_the_target_are_in_the_reset_set() {
         let spaces = Spaces { observation: Space::unbounded(1), action: Space::uniform(1, -1.0, 1.0) };
         let setup = Setup::with_spaces(0, 1, Host::silent(), spaces);
         let mut task = [[ type ]]::create(Settings::default(), &setup).unwrap();

@@ -1,11 +1,11 @@
-//! `--python`: the Python package as a user installs it, and its tests.
+//! `--python`: the wheel of the Python package as a user installs it, and its tests.
 
 use std::path::Path;
 use std::process::{Command, ExitCode};
 
 use anyhow::{Context, bail};
 
-use crate::{cargo, torch};
+use crate::{cargo, stages, torch};
 
 /// Builds the wheel quickly, not to run quickly: what the tests want is that it works. It shares its dependencies with the other tests.
 const PROFILE: &str = "build-args=--profile dev";
@@ -43,7 +43,9 @@ pub fn test(root: &Path) -> anyhow::Result<ExitCode> {
         }
     }
     // Of the whole workspace, as everywhere: for one package, Cargo would choose other features and build every dependency once more.
-    let exported = ["test", "--quiet", "--workspace", "--lib", "stable_baselines", "--", "--ignored"];
-    cargo::run(cargo::command(root).args(exported).env("SHIELD_SB3_PYTHON", &python))?;
+    let features = ["--features", "onnx/python-tests"];
+    let mut exported = cargo::command(root);
+    exported.args(["test", "--quiet", "--workspace"]).args(features).args(["--lib", "stable_baselines"]);
+    stages::run_some(exported.env("SHIELD_SB3_PYTHON", &python))?;
     Ok(ExitCode::SUCCESS)
 }
