@@ -2,6 +2,7 @@
 
 pub mod agent;
 mod allocations_ffi;
+pub mod atomic_file;
 pub mod batch;
 pub mod checkpoint;
 pub mod decision;
@@ -11,6 +12,7 @@ pub mod evaluation;
 pub mod experience;
 pub mod experiment;
 pub mod film;
+mod growing_file;
 pub mod joint_loop;
 pub mod loop_state;
 pub mod observer;

@@ -292,6 +292,51 @@ fn a_program_that_was_killed_at_once_leaves_nothing_in_the_way() {
 }
 
 #[test]
+fn what_a_killed_program_left_is_removed_and_what_a_user_put_there_stays() {
+    let expected = Run::uninterrupted(&grid());
+    let run = Run::new(&grid(), &[]);
+    run.go(Sabotage::Crash(1_111));
+    let at = |name: &str| run.folder.path().join(name);
+    let folders = ["", "checkpoint", "decisions"];
+    let left = folders.map(|folder| at(folder).join(".shield-0aZ3xY7bQ9kL.partial"));
+    let as_before = [at("decisions/part-000007.partial"), at("decisions/part-000009.parquet")];
+    let kept = folders.map(|folder| {
+        ["keep.partial", "zebra.rows", ".shield-mine.partial"].map(|name| at(folder).join(name))
+    });
+    for file in left.iter().chain(&as_before).chain(kept.as_flattened()) {
+        fs::write(file, "something").unwrap();
+    }
+    run.go(Sabotage::None);
+    for file in left.iter().chain(&as_before) {
+        assert!(!file.exists(), "{} was left", file.display());
+    }
+    for file in kept.as_flattened() {
+        assert_eq!(fs::read(file).unwrap(), b"something", "{}", file.display());
+        fs::remove_file(file).unwrap();
+    }
+    same(&expected, &run, "tidied up");
+}
+
+#[cfg(unix)]
+#[test]
+fn a_run_does_not_go_on_in_a_file_that_a_link_leads_to() {
+    for name in ["metrics.csv", "timings.csv", "tensorboard/events.out.tfevents.0.shield"] {
+        let run = Run::new(&grid(), &[]);
+        run.go(Sabotage::Crash(1_111));
+        let (path, elsewhere) = (run.folder.path().join(name), run.folder.path().join("elsewhere"));
+        fs::rename(&path, &elsewhere).unwrap();
+        let before = fs::read(&elsewhere).unwrap();
+        std::os::unix::fs::symlink(&elsewhere, &path).unwrap();
+        let error = format!("{:#}", run.order().proceed().err().unwrap());
+        assert!(error.contains(name) && error.contains("it is a symbolic link"), "{error}");
+        assert!(fs::read(&elsewhere).unwrap() == before, "{name}: the file elsewhere was changed");
+        // With the file back in its place the run goes on.
+        fs::rename(&elsewhere, &path).unwrap();
+        assert_eq!(run.go(Sabotage::None), 800);
+    }
+}
+
+#[test]
 fn two_processes_do_not_write_one_run() {
     let run = Run::new(&grid(), &[]);
     run.go(Sabotage::Stop(450));

@@ -1,8 +1,9 @@
 //! The experience on disk: segments of transitions in the order in which they were stored.
 
 use std::{
-    fs::{self, File, OpenOptions},
-    io::{Read, Seek, SeekFrom, Write},
+    ffi::OsStr,
+    fs::{self, File},
+    io::{Read, Write},
     ops::Range,
     path::{Path, PathBuf},
 };
@@ -11,7 +12,7 @@ use crc32fast::Hasher;
 use serde::{Deserialize, Serialize};
 
 use super::file::{CheckpointError, Result, sync_folder};
-use crate::experience::Experience;
+use crate::{experience::Experience, growing_file};
 
 /// Transitions in a full segment.
 const SEGMENT_ROWS: u64 = 65_536;
@@ -35,6 +36,13 @@ impl Segment {
     fn path(&self, folder: &Path) -> PathBuf {
         folder.join(format!("experience-{:012}.rows", self.first))
     }
+}
+
+/// Whether [`Segment::path`] made the name.
+fn is_segment(path: &Path) -> bool {
+    let name = path.file_name().and_then(OsStr::to_str);
+    let first = name.and_then(|name| name.strip_prefix("experience-")?.strip_suffix(".rows"));
+    first.is_some_and(|first| first.len() >= 12 && first.bytes().all(|byte| byte.is_ascii_digit()))
 }
 
 /// How far the segments count for a checkpoint.
@@ -89,7 +97,7 @@ impl ExperienceLog {
     fn begin_segment(&mut self, first: u64) -> Result<()> {
         let segment = Segment { first, rows: 0, crc: 0 };
         let path = segment.path(&self.folder);
-        let file = File::create(&path).map_err(|error| CheckpointError::io(&path, error))?;
+        let file = growing_file::begin(&path).map_err(|error| CheckpointError::io(&path, error))?;
         self.file = Some(file);
         self.segments.push(segment);
         sync_folder(&self.folder)
@@ -119,8 +127,7 @@ impl ExperienceLog {
         let failed = |error| CheckpointError::io(&self.folder, error);
         for entry in fs::read_dir(&self.folder).map_err(failed)? {
             let path = entry.map_err(failed)?.path();
-            let is_segment = path.extension().is_some_and(|extension| extension == "rows");
-            if is_segment && !needed.contains(&path) {
+            if is_segment(&path) && !needed.contains(&path) {
                 fs::remove_file(&path).map_err(|error| CheckpointError::io(&path, error))?;
             }
         }
@@ -159,13 +166,8 @@ impl ExperienceLog {
         let mut log = Self { segments: mark.segments.clone(), ..Self::new(folder) };
         if let Some(last) = log.segments.last() {
             let path = last.path(folder);
-            let open = || {
-                let mut file = OpenOptions::new().write(true).open(&path)?;
-                file.set_len(last.rows * row_bytes as u64)?;
-                file.seek(SeekFrom::End(0))?;
-                Ok(file)
-            };
-            log.file = Some(open().map_err(|error| CheckpointError::io(&path, error))?);
+            let file = growing_file::go_on(&path, last.rows * row_bytes as u64);
+            log.file = Some(file.map_err(|error| CheckpointError::io(&path, error))?);
         }
         Ok(log)
     }

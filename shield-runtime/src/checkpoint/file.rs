@@ -8,6 +8,8 @@ use std::{
 
 use serde::{Serialize, de::DeserializeOwned};
 
+use crate::atomic_file::AtomicFile;
+
 const MAGIC: &[u8; 8] = b"SHIELDCP";
 /// To be raised with every change of what is saved: the body does not describe itself.
 const VERSION: u32 = 2;
@@ -98,15 +100,14 @@ pub(crate) fn write(path: &Path, previous: Option<&Path>, body: &impl Serialize)
     bytes[12..20].copy_from_slice(&length.to_le_bytes());
     bytes[20..24].copy_from_slice(&checksum.to_le_bytes());
 
-    let aside = path.with_extension("partial");
     let write = || {
-        let mut file = File::create(&aside)?;
+        let mut file = AtomicFile::create(path)?;
         file.write_all(&bytes)?;
-        file.sync_all()?;
+        file.sync()?;
         if let Some(previous) = previous.filter(|_| path.exists()) {
             fs::rename(path, previous)?;
         }
-        fs::rename(&aside, path)
+        file.commit()
     };
     write().map_err(|error| CheckpointError::io(path, error))?;
     path.parent().map_or(Ok(()), sync_folder)

@@ -13,6 +13,7 @@ use super::{
     file::{self, CheckpointError, Result, sync_folder},
 };
 use crate::{
+    atomic_file::remove_leftovers,
     experience::Experience,
     experiment,
     loop_state::LoopState,
@@ -91,6 +92,7 @@ impl CheckpointStore {
         let folder = folder_of(run);
         fs::create_dir_all(&folder).map_err(|error| CheckpointError::io(&folder, error))?;
         let lock = lock(&folder)?;
+        clear(&[run, &folder])?;
         sync_folder(run)?;
         Ok(Self { log: ExperienceLog::new(&folder), folder, provenance, last_mark: None, _lock: lock })
     }
@@ -120,6 +122,7 @@ impl CheckpointStore {
             return Ok(None);
         }
         let lock = lock(&folder)?;
+        clear(&[run, &folder])?;
         for path in [latest(&folder), previous(&folder)] {
             let usable = usable(&path, run, Some(&provenance)).and_then(|saved| {
                 let mark = saved.experience.as_ref();
@@ -210,6 +213,13 @@ fn make_latest(folder: &Path, path: &Path) -> Result<()> {
         sync_folder(folder)?;
     }
     Ok(())
+}
+
+/// Removes what a killed program left half written. The lock must be held.
+fn clear(folders: &[&Path]) -> Result<()> {
+    folders
+        .iter()
+        .try_for_each(|folder| remove_leftovers(folder).map_err(|error| CheckpointError::io(folder, error)))
 }
 
 /// The system gives the lock back when the process ends, in whatever way.

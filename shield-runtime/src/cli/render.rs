@@ -3,11 +3,12 @@
 mod encode;
 
 use std::{
-    path::{Path, PathBuf},
-    sync::atomic::AtomicBool,
+    path::PathBuf,
+    process,
+    sync::atomic::{AtomicBool, Ordering},
 };
 
-use anyhow::Result;
+use anyhow::{Context as _, Result};
 use clap::{Args, ValueEnum};
 use indicatif::MultiProgress;
 use rand::{Rng, SeedableRng};
@@ -103,12 +104,31 @@ pub fn render(arguments: &RenderArguments, registry: &Registry) -> Result<(), Fa
         let restored = prepared.participants.restore_agents(&saved.state);
         restored.map_err(|error| Failure::Input(error.to_string()))?;
     }
+    stop_on_ctrl_c();
     let encoder = Encoder::create(&arguments.out, arguments.fps).map_err(Failure::Input)?;
     let q_min = threshold(registry, &variant.experiment);
-    film(arguments, &variant, prepared, q_min, encoder, seed)
-        .map_err(|error| Failure::Run(format!("{error:#}")))?;
+    let filmed = film(arguments, &variant, prepared, q_min, encoder, seed);
+    if STOP.load(Ordering::Relaxed) {
+        return Err(Failure::Interrupted("stopped by Ctrl-C; no film was written".into()));
+    }
+    filmed.map_err(|error| Failure::Run(format!("{error:#}")))?;
     println!("{}", arguments.out.display());
     Ok(())
+}
+
+/// Set by Ctrl-C. The film then ends before it is complete, and its file is removed.
+static STOP: AtomicBool = AtomicBool::new(false);
+
+/// The first Ctrl-C ends the film, the second the program at once.
+fn stop_on_ctrl_c() {
+    let installed = ctrlc::set_handler(|| {
+        if STOP.swap(true, Ordering::Relaxed) {
+            process::exit(130);
+        }
+    });
+    if let Err(error) = installed {
+        eprintln!("warning: Ctrl-C leaves an unfinished file behind: {error}");
+    }
 }
 
 fn variant(arguments: &RenderArguments) -> Result<Variant, Failure> {
@@ -206,8 +226,7 @@ fn film(
     loop_settings.steps = arguments.train_steps + if is_loop { arguments.steps } else { 0 };
     let progress = Progress::new(&MultiProgress::new(), "filming".into(), loop_settings.steps, 0);
     let mut observer = Fanout(progress, filmer);
-    let stop = AtomicBool::new(false);
-    let mut joint = JointLoop::new(loop_settings, participants, prepared.randomness, &mut observer, &stop);
+    let mut joint = JointLoop::new(loop_settings, participants, prepared.randomness, &mut observer, &STOP);
     joint.run()?;
     let forward = joint.into_forward();
     let Fanout(progress, mut filmer) = observer;
@@ -221,7 +240,10 @@ fn film(
         perform(&mut actor, environment, arguments.steps, arguments.every, seed, &mut filmer)?;
     }
     drop(filmer);
-    encoder.finish()
+    if STOP.load(Ordering::Relaxed) {
+        return Ok(());
+    }
+    encoder.finish().with_context(|| format!("cannot write {}", arguments.out.display()))
 }
 
 /// Who acts outside the loop.
@@ -246,6 +268,9 @@ fn perform(
     let mut seeds = Pcg64::seed_from_u64(seed);
     let mut left = 0;
     for step in 1..=steps {
+        if STOP.load(Ordering::Relaxed) {
+            break;
+        }
         if left == 0 {
             environment.reset(seeds.next_u64(), &mut observation)?;
             left = spec.episode_length;
@@ -271,11 +296,4 @@ fn perform(
         }
     }
     Ok(())
-}
-
-/// The path's file that is being written.
-fn partial(path: &Path) -> PathBuf {
-    let mut name = path.as_os_str().to_owned();
-    name.push(".partial");
-    name.into()
 }

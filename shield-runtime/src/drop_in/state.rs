@@ -61,11 +61,20 @@ struct LearnedState {
     rows: ByteBuf,
 }
 
+impl LearnedState {
+    /// Whether the rows are those that it says it keeps.
+    fn is_complete(&self) -> bool {
+        let count = self.kept.end.checked_sub(self.kept.start);
+        let bytes = count.and_then(|count| usize::try_from(count).ok()?.checked_mul(self.row_bytes));
+        bytes == Some(self.rows.len())
+    }
+}
+
 impl DropIn {
-    /// Writes the reset agent, the rules, the reset task, the experience and the counts into a file, in one step.
+    /// Writes the reset agent, the rules, the reset task, the experience and the counts into a file, in one step: it is there whole or as it was.
     ///
     /// # Errors
-    /// A plugin fails to save its state, or the file cannot be written.
+    /// A plugin fails to save its state, or the file cannot be written. Only a regular file is replaced, see [`atomic_file`](crate::atomic_file).
     pub fn save(&mut self, path: &Path) -> Result<(), StateError> {
         let learned = self.learning.as_ref().map(|learning| {
             let (experience, mut rows) = (&learning.experience, Vec::new());
@@ -97,8 +106,9 @@ impl DropIn {
         Ok(write(&path, None, &state)?)
     }
 
-    /// Goes on from a file of a shield with the same spaces, reset agent, rules and reset task; the settings of the rules may differ. Where the
-    /// environment stands is not known: a hard reset is needed.
+    /// Goes on from a file of a shield with the same spaces, reset agent, rules and reset task; the settings of the rules may differ, and so may
+    /// the capacity of the experience: of more transitions than there is room for, the newest stay. Where the environment stands is not known: a
+    /// hard reset is needed.
     ///
     /// # Errors
     /// The file cannot be read or is damaged, belongs to another shield, or a plugin refuses its state; then a hard reset is needed too, and what was
@@ -132,12 +142,15 @@ impl DropIn {
             }
         }
         if let (Some(learning), Some(learned)) = (&self.learning, &state.learned) {
-            let (experience, length) = (&learning.experience, learned.kept.end - learned.kept.start);
-            let fits = experience.row_bytes() == learned.row_bytes
-                && length as usize <= experience.capacity()
-                && learned.rows.len() == length as usize * learned.row_bytes;
-            if !fits {
-                return Err(foreign("its experience has another capacity or another ensemble".into()));
+            let (own, found) = (learning.experience.row_bytes(), learned.row_bytes);
+            if own != found {
+                let what = "its experience belongs to another ensemble";
+                return Err(foreign(format!(
+                    "{what}: a transition takes {found} bytes; here it takes {own}"
+                )));
+            }
+            if !learned.is_complete() {
+                return Err(foreign("its experience has more or fewer transitions than it says".into()));
             }
         }
         self.restore(state).map_err(StateError::Plugin)
@@ -149,8 +162,7 @@ impl DropIn {
             state.restore(&mut **task)?;
         }
         if let (Some(learning), Some(learned)) = (&mut self.learning, state.learned) {
-            learning.experience.expect_rows(learned.kept.clone());
-            learning.experience.read_rows(learned.kept.start, &learned.rows);
+            learning.experience.replace(learned.kept, &learned.rows);
             learning.masks = learned.masks;
         }
         (self.counters, self.reset_successes) = (state.counters, state.reset_successes);

@@ -6,7 +6,8 @@ use read::read_part;
 pub use read::{DecisionRow, read_decisions};
 
 use std::{
-    fs::{self, File},
+    ffi::OsStr,
+    fs,
     path::{Path, PathBuf},
     sync::Arc,
 };
@@ -24,12 +25,13 @@ use parquet::{
 
 use serde::{Deserialize, Serialize};
 
-use crate::record::DecisionRecord;
+use crate::{
+    atomic_file::{AtomicFile, remove_leftovers},
+    record::DecisionRecord,
+};
 
 /// Rows that wait in memory until they are written together.
 const ROWS: usize = 8_192;
-/// Extension of the part that is being written.
-const ASIDE: &str = "partial";
 
 /// How many figures of each kind a decision has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -126,7 +128,7 @@ pub struct DecisionState {
     rows: u64,
 }
 
-/// Writes decisions, in one part after the other. A part that is not closed yet lies aside, so that readers see whole ones only.
+/// Writes decisions, in one part after the other. A part gets its name when it is closed, so readers see only whole parts.
 pub struct DecisionLog {
     folder: PathBuf,
     part: u32,
@@ -134,7 +136,7 @@ pub struct DecisionLog {
     rows: u64,
     properties: WriterPropertiesPtr,
     widths: Option<Widths>,
-    writer: Option<SerializedFileWriter<File>>,
+    writer: Option<SerializedFileWriter<AtomicFile>>,
     steps: Vec<i64>,
     texts: [Vec<ByteArray>; TEXTS.len()],
     repeated: Repeated,
@@ -145,17 +147,24 @@ pub struct DecisionLog {
 }
 
 impl DecisionLog {
-    /// Will write into `folder`, on from `state`; parts that came later are removed. Creates nothing before the first decision.
+    /// Will write into `folder`, on from `state`. Parts that came later are removed, and so is what a killed program left half written; files of
+    /// other names stay. Creates nothing before the first decision.
     ///
     /// # Errors
     /// A later part cannot be removed, or the present one cannot be read.
     pub fn resume(folder: PathBuf, state: DecisionState) -> Result<Self> {
         let mut log = Self::new(folder, state.part);
+        if log.folder.exists() {
+            remove_leftovers(&log.folder)
+                .with_context(|| format!("{} cannot be tidied up", log.folder.display()))?;
+        }
         for path in paths(&log.folder)? {
-            let is_later = path > path_of(&log.folder, state.part);
-            let is_aside = path.extension().is_some_and(|extension| extension == ASIDE);
-            let is_empty = state.rows == 0 && path == path_of(&log.folder, state.part);
-            if is_later || is_aside || is_empty {
+            let is_outdated = match part_of(&path) {
+                Some(Part::Closed(part)) => part > state.part || (part == state.part && state.rows == 0),
+                Some(Part::Open) => true,
+                None => false,
+            };
+            if is_outdated {
                 fs::remove_file(&path).with_context(|| format!("{} cannot be removed", path.display()))?;
             }
         }
@@ -246,11 +255,8 @@ impl DecisionLog {
     pub fn suspend(&mut self) -> Result<DecisionState> {
         self.write_rows()?;
         if let Some(writer) = self.writer.take() {
-            let path = path_of(&self.folder, self.part);
             let file = writer.into_inner().with_context(|| self.complaint())?;
-            file.sync_all()
-                .and_then(|()| fs::rename(path.with_extension(ASIDE), &path))
-                .with_context(|| self.complaint())?;
+            file.sync().and_then(|()| file.commit()).with_context(|| self.complaint())?;
         }
         Ok(DecisionState { part: self.part, rows: self.rows })
     }
@@ -275,13 +281,13 @@ impl DecisionLog {
         Ok(())
     }
 
-    fn open(&self, widths: Widths) -> Result<SerializedFileWriter<File>> {
+    fn open(&self, widths: Widths) -> Result<SerializedFileWriter<AtomicFile>> {
         fs::create_dir_all(&self.folder)?;
-        let file = File::create(path_of(&self.folder, self.part).with_extension(ASIDE))?;
+        let file = AtomicFile::create(&path_of(&self.folder, self.part))?;
         Ok(SerializedFileWriter::new(file, schema(widths)?, self.properties.clone())?)
     }
 
-    fn write_group(&mut self, writer: &mut SerializedFileWriter<File>, widths: Widths) -> Result<()> {
+    fn write_group(&mut self, writer: &mut SerializedFileWriter<AtomicFile>, widths: Widths) -> Result<()> {
         let mut group = writer.next_row_group()?;
         let mut index = 0;
         while let Some(mut column) = group.next_column()? {
@@ -311,6 +317,25 @@ fn paths(folder: &Path) -> Result<Vec<PathBuf>> {
         entries.map(|entry| entry.map(|entry| entry.path())).collect::<Result<_, _>>()?;
     paths.sort();
     Ok(paths)
+}
+
+/// What a file's name says of a part.
+enum Part {
+    Closed(u32),
+    /// Version 1.0.0 wrote a part under this name until it was closed.
+    Open,
+}
+
+/// `None` for a name that no log gives.
+fn part_of(path: &Path) -> Option<Part> {
+    let (number, extension) =
+        path.file_name().and_then(OsStr::to_str)?.strip_prefix("part-")?.split_once('.')?;
+    let is_number = number.len() >= 6 && number.bytes().all(|byte| byte.is_ascii_digit());
+    match extension {
+        "parquet" if is_number => number.parse().ok().map(Part::Closed),
+        "partial" if is_number => Some(Part::Open),
+        _ => None,
+    }
 }
 
 fn path_of(folder: &Path, part: u32) -> PathBuf {

@@ -5,13 +5,15 @@
 
 use std::{
     collections::BTreeMap,
-    fs::{self, File, OpenOptions},
-    io::{self, BufWriter, Seek, SeekFrom, Write},
+    fs::{self, File},
+    io::{BufWriter, Write},
     path::{Path, PathBuf},
 };
 
 use anyhow::{Context, Result};
 use prost::Message;
+
+use crate::growing_file;
 
 /// The name has what TensorBoard looks for.
 const FILE: &str = "tensorboard/events.out.tfevents.0.shield";
@@ -60,10 +62,10 @@ impl EventFile {
         let path = run.join(FILE);
         let open = || {
             path.parent().map_or(Ok(()), fs::create_dir_all)?;
-            let mut file = OpenOptions::new().create(true).write(true).truncate(false).open(&path)?;
-            file.set_len(lengths.get(FILE).copied().unwrap_or(0))?;
-            file.seek(SeekFrom::End(0))?;
-            io::Result::Ok(file)
+            match lengths.get(FILE) {
+                Some(length) => growing_file::go_on(&path, *length),
+                None => growing_file::begin(&path),
+            }
         };
         let file = open().with_context(|| format!("{} cannot be written", path.display()))?;
         let mut events = Self { path, file: BufWriter::new(file) };

@@ -8,6 +8,7 @@ use std::{
 use anyhow::{Context, Result, bail};
 
 use super::summary::{Identity, Summary};
+use crate::atomic_file::write_atomically;
 
 /// The folder of one run, `<out>/<experiment>/<variant>/seed-<n>`.
 #[derive(Debug, Clone)]
@@ -142,8 +143,5 @@ pub fn write_in_folder(path: &Path, bytes: &[u8]) -> Result<()> {
 
 /// Writes a file so that it is there whole or not at all.
 pub(super) fn write_whole(path: &Path, bytes: &[u8]) -> Result<()> {
-    let aside = path.with_extension("partial");
-    fs::write(&aside, bytes)
-        .and_then(|()| fs::rename(&aside, path))
-        .with_context(|| format!("{} cannot be written", path.display()))
+    write_atomically(path, bytes).with_context(|| format!("{} cannot be written", path.display()))
 }

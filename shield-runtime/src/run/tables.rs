@@ -2,8 +2,8 @@
 
 use std::{
     collections::BTreeMap,
-    fs::{File, OpenOptions},
-    io::{self, BufWriter, Seek, SeekFrom},
+    fs::File,
+    io::BufWriter,
     path::{Path, PathBuf},
 };
 
@@ -11,7 +11,7 @@ use anyhow::{Context, Result};
 use csv::Writer;
 use serde::Serialize;
 
-use crate::record::EpisodeEnd;
+use crate::{growing_file, record::EpisodeEnd};
 
 /// A row of one of the files; the fields are the columns.
 pub(super) trait Row: Serialize + Default {
@@ -111,7 +111,8 @@ impl Table {
     /// A new file with the heading of `R`.
     pub fn create<R: Row>(folder: &Path) -> Result<Self> {
         let path = folder.join(R::FILE);
-        let file = File::create(&path).with_context(|| format!("{} cannot be created", path.display()))?;
+        let file =
+            growing_file::begin(&path).with_context(|| format!("{} cannot be created", path.display()))?;
         let mut table = Self::over(path, R::FILE, file);
         // The heading stands there even if no row follows: it is that of a row which nobody sees.
         let mut heading = Writer::from_writer(Vec::new());
@@ -126,13 +127,8 @@ impl Table {
     pub fn reopen<R: Row>(folder: &Path, lengths: &BTreeMap<String, u64>) -> Result<Self> {
         let path = folder.join(R::FILE);
         let Some(length) = lengths.get(R::FILE) else { return Self::create::<R>(folder) };
-        let open = || {
-            let mut file = OpenOptions::new().write(true).open(&path)?;
-            file.set_len(*length)?;
-            file.seek(SeekFrom::End(0))?;
-            io::Result::Ok(file)
-        };
-        let file = open().with_context(|| format!("{} cannot be continued", path.display()))?;
+        let file = growing_file::go_on(&path, *length)
+            .with_context(|| format!("{} cannot be continued", path.display()))?;
         Ok(Self::over(path, R::FILE, file))
     }
 
