@@ -204,7 +204,8 @@ pub unsafe extern "C" fn shield_reason(shield: *const Shield) -> *const c_char {
     unsafe { shield.as_ref() }.map_or(c"".as_ptr(), |shield| shield.reason.as_ptr())
 }
 
-/// Writes everything that was learned and counted into a file.
+/// Writes everything that was learned and counted into a file, in one step: a failure leaves the old file as it was. Only a regular file is replaced;
+/// a folder, a device, a pipe or a symbolic link of that name is an error.
 ///
 /// # Safety
 /// `shield` is from `shield_open`, `file` a text that ends with 0.
@@ -214,7 +215,8 @@ pub unsafe extern "C" fn shield_save(shield: *mut Shield, file: *const c_char) -
     unsafe { with_file(shield, file, drop_in_files::save) }
 }
 
-/// Goes on from a file of a shield with the same spaces, reset agent, rules and reset task; a hard reset is needed then, also after a failure.
+/// Goes on from a file of a shield with the same spaces, reset agent, rules and reset task; a hard reset is needed then, also after a failure. The
+/// capacity of the experience may differ: of more transitions than there is room for, the newest stay.
 ///
 /// # Safety
 /// As for `shield_save`.

@@ -11,7 +11,7 @@
 
 #[cfg(feature = "check")]
 pub use shield_check::{environment_check, plugin_bench, plugin_check};
-pub use shield_config::{drop_in_files, experiment};
+pub use shield_config::{atomic_file, drop_in_files, experiment};
 pub use shield_core::{
     agent, cycle, decision, drop_in, experience, plugin_state, record, settings, shield, shielded, world,
 };

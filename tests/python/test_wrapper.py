@@ -1,5 +1,6 @@
 import inspect
 import math
+import os
 import pickle
 
 import gymnasium
@@ -276,6 +277,41 @@ def test_a_loaded_shield_keeps_what_was_learned_and_counted(tmp_path):
         second.load(tmp_path / "torn")
 
 
+def test_a_shield_with_another_capacity_takes_over_the_experience(tmp_path):
+    quick = {"reset.config.random_steps": 0, "experience.batch": 8, "shield.warm_up_steps": 10_000}
+
+    def remembering(capacity):
+        return shielded(overrides=quick | {"experience.capacity": capacity})
+
+    first = remembering(20)
+    first.run(lambda _: first.action_space.sample() * 0.1, 60, seed=0)
+    first.save(tmp_path / "state")
+    for capacity in (10, 30):
+        second = remembering(capacity)
+        second.load(tmp_path / "state")
+        second.run(lambda _: second.action_space.sample() * 0.1, 60, seed=0)
+        assert second.metrics()["steps"] >= first.metrics()["steps"] + 60
+
+
+def test_a_state_is_saved_over_a_regular_file_only(tmp_path):
+    env = shielded()
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "link").symlink_to("precious")
+    (tmp_path / "precious").write_text("precious")
+    (tmp_path / "state.partial").write_text("mine")
+    os.mkfifo(tmp_path / "pipe")
+    for trap, reason in (("folder", "a folder"), ("link", "a symbolic link"), ("pipe", "a pipe")):
+        with pytest.raises(shield.ShieldError, match=reason):
+            env.save(tmp_path / trap)
+    env.save(tmp_path / "state")
+    env.save(tmp_path / "state")
+    kept = {"folder", "link", "precious", "state.partial", "pipe", "state"}
+    assert {path.name for path in tmp_path.iterdir()} == kept
+    assert (tmp_path / "precious").read_text() == "precious"
+    assert (tmp_path / "state.partial").read_text() == "mine"
+
+
+def test_nothing_is_written_for_tensorboard(tmp_path):
 def test_counts_are_written_for_tensorboard(tmp_path):
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 

@@ -1,7 +1,13 @@
 //! `shield env` and `shield render` as a user meets them, and that a camera changes nothing.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
-use std::{fs, process::Output, sync::atomic::AtomicBool};
+use std::{
+    fs,
+    path::PathBuf,
+    process::{Output, Stdio},
+    sync::atomic::AtomicBool,
+    time::Duration,
+};
 
 use shield_runtime::{
     experiment::ExperimentFile,
@@ -77,7 +83,8 @@ fn a_film_is_written_and_repeats_byte_for_byte() {
             .unwrap();
         assert!(output.status.success(), "{}", text(&output.stderr));
         let names: Vec<_> = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().path()).collect();
-        assert!(names.iter().all(|name| !name.ends_with(".partial")), "{names:?}");
+        let is_partial = |name: &PathBuf| name.extension().is_some_and(|extension| extension == "partial");
+        assert!(!names.iter().any(is_partial), "{names:?}");
         fs::read(folder.path().join(out)).unwrap()
     };
     let first = film("a.gif", &["--train-steps", "100"]);
@@ -89,6 +96,30 @@ fn a_film_is_written_and_repeats_byte_for_byte() {
     }
     let small = film("d.png", &["--size", "50x50"]);
     assert!(small.starts_with(b"\x89PNG") && small != film("e.png", &["--size", "90x50"]));
+}
+
+#[test]
+#[cfg(target_os = "linux")]
+fn a_film_that_is_interrupted_leaves_no_file() {
+    let folder = tempfile::tempdir().unwrap();
+    fs::write(folder.path().join("x.ron"), gridworld(1_000, "")).unwrap();
+    let files = || fs::read_dir(folder.path()).unwrap().count();
+    const FOREVER: &str = "100000000";
+    for arguments in
+        [&["--train-steps", FOREVER][..], &["--policy", "random", "--steps", FOREVER, "--every", FOREVER]]
+    {
+        let mut film = shield();
+        film.current_dir(folder.path()).args(["render", "x.ron", "--out", "x.gif"]).args(arguments);
+        let mut child = film.stderr(Stdio::null()).spawn().unwrap();
+        while files() == 1 {
+            assert!(child.try_wait().unwrap().is_none(), "it ended by itself");
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        // SAFETY: a signal to our own child.
+        unsafe { libc::kill(i32::try_from(child.id()).unwrap(), libc::SIGINT) };
+        assert_eq!(child.wait().unwrap().code(), Some(130));
+        assert_eq!(files(), 1, "an unfinished film was left");
+    }
 }
 
 #[test]

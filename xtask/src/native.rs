@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 
 use anyhow::{Context, Result, bail};
+use tempfile::{Builder, TempDir};
 
 /// What `mujoco-rs` binds; the two change together.
 const MUJOCO_VERSION: &str = "3.17.0";
@@ -100,17 +101,22 @@ fn check_own_mujoco(folder: PathBuf) -> Result<PathBuf> {
 
 /// Fills `folder` in one move, so that an interrupted set-up leaves nothing half done.
 fn install_mujoco(folder: &Path) -> Result<()> {
-    let partial = folder.with_extension(format!("{}.partial", std::process::id()));
-    let ready = partial.join("ready");
-    let prepared = fs::create_dir_all(&ready)
-        .with_context(|| format!("cannot create {}", ready.display()))
-        .and_then(|()| download_mujoco(&partial))
-        .and_then(|package| arrange_mujoco(&package, &ready))
-        .and_then(|()| replace(folder, &ready));
-    let cleaned =
-        fs::remove_dir_all(&partial).with_context(|| format!("cannot remove {}", partial.display()));
-    // Why it failed matters more than what is left behind.
-    prepared.and(cleaned)
+    let scratch = scratch_beside(folder)?;
+    let ready = scratch.path().join("ready");
+    fs::create_dir(&ready).with_context(|| format!("cannot create {}", ready.display()))?;
+    arrange_mujoco(&download_mujoco(scratch.path())?, &ready)?;
+    replace(folder, &ready)?;
+    scratch.close().context("cannot remove what was downloaded")
+}
+
+/// A folder beside `folder` in which it is prepared, of a name that nobody else has; removed when it is dropped.
+pub fn scratch_beside(folder: &Path) -> Result<TempDir> {
+    let parent = folder.parent().context("a folder to be filled lies in another")?;
+    let mut prefix = folder.file_name().unwrap_or_default().to_owned();
+    prefix.push(".");
+    let made = fs::create_dir_all(parent)
+        .and_then(|()| Builder::new().prefix(&prefix).suffix(".partial").tempdir_in(parent));
+    made.with_context(|| format!("cannot create a folder in {}", parent.display()))
 }
 
 /// Downloads and unpacks the Python package, and returns where its content lies. pip checks the package's hash.

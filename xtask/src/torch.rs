@@ -11,6 +11,7 @@ use std::process::Command;
 
 use anyhow::{Context, Result, bail};
 
+use crate::{cargo, native, python};
 use crate::{cargo, python, stages};
 
 /// What `tch` binds; the two change together.
@@ -124,7 +125,8 @@ pub fn python(root: &Path, name: &str, requirements: &Path) -> Result<PathBuf> {
 fn wheels(root: &Path) -> Result<PathBuf> {
     let folder = root.join("native/wheels");
     if !folder.exists() {
-        let partial = folder.with_extension(format!("{}.partial", std::process::id()));
+        let scratch = native::scratch_beside(&folder)?;
+        let partial = scratch.path().join("wheels");
         let mut pip = Command::new("python3");
         pip.args(["-m", "pip", "download", "--quiet", "--disable-pip-version-check", "--no-deps"]);
         run(pip.args(["--only-binary=:all:", "--dest"]).arg(&partial).arg(TORCH).args(BESIDE))?;
@@ -135,8 +137,8 @@ fn wheels(root: &Path) -> Result<PathBuf> {
 
 /// Fills `folder` in one move, so that an interrupted set-up leaves nothing half done.
 fn arrange(wheels: &Path, folder: &Path) -> Result<()> {
-    let partial = folder.with_extension(format!("{}.partial", std::process::id()));
-    let (package, ready) = (partial.join("package"), partial.join("ready"));
+    let scratch = native::scratch_beside(folder)?;
+    let (package, ready) = (scratch.path().join("package"), scratch.path().join("ready"));
     fs::create_dir_all(ready.join("lib")).with_context(|| format!("cannot create {}", ready.display()))?;
     for wheel in files(wheels, "whl")? {
         run(Command::new("python3").args(["-m", "zipfile", "-e"]).arg(&wheel).arg(&package))?;
@@ -154,7 +156,7 @@ fn arrange(wheels: &Path, folder: &Path) -> Result<()> {
     fs::write(ready.join("lib/libtorch.so"), "INPUT(libtorch_cpu.so)\n")
         .context("cannot write libtorch.so")?;
     fs::rename(&ready, folder).with_context(|| format!("cannot create {}", folder.display()))?;
-    fs::remove_dir_all(&partial).with_context(|| format!("cannot remove {}", partial.display()))
+    scratch.close().context("cannot remove what was unpacked")
 }
 
 fn files(folder: &Path, extension: &str) -> Result<Vec<PathBuf>> {
@@ -201,7 +203,8 @@ mod tests {
         wheel(&torch);
         assert!(arrange(&root.join("wheels"), &folder).is_err(), "a library of CUDA is missing");
         assert!(!folder.exists());
-        fs::remove_dir_all(root.join(format!("torch.{}.partial", std::process::id()))).unwrap();
+        let left: Vec<_> = fs::read_dir(&root).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+        assert_eq!(left, ["wheels"], "a failed set-up leaves nothing");
         wheel(&[&torch[..], &["nvidia/cu13/lib/libcudart.so.13", "nvidia/cu13/lib/libcupti.so.13"]].concat());
         arrange(&root.join("wheels"), &folder).unwrap();
         assert!(folder.join(LIBRARY).exists() && folder.join("include/torch.h").exists());

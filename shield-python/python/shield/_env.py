@@ -130,7 +130,7 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         return self.shield.metrics()
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes everything that the shield has learned and counted into a file."""
+        """Writes everything that the shield has learned and counted into a file, as `Shield.save`."""
         self.shield.save(path)
 
     def load(self, path: str | os.PathLike[str]) -> None:

@@ -249,10 +249,11 @@ class Shield:
         return self._core.metrics()
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Writes everything that was learned and counted into a file."""
+        """Writes everything that was learned and counted into a file, in one step: a failure leaves the old file as it was. Only a regular file is replaced;
+        a folder, a device, a pipe or a symbolic link of that name raises."""
         self._core.save(path)
 
     def load(self, path: str | os.PathLike[str]) -> None:
-        """Goes on from a file of a shield with the same spaces, reset agent, rules and reset task, whatever the rules' settings; a hard reset is needed then,
-        also if it raises."""
+        """Goes on from a file of a shield with the same spaces, reset agent, rules and reset task, whatever the rules' settings and the capacity of the
+        experience (of more transitions than there is room for, the newest stay); a hard reset is needed then, also if it raises."""
         self._core.load(path)

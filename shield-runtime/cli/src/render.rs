@@ -3,11 +3,12 @@
 mod encode;
 
 use std::{
-    path::{Path, PathBuf},
-    sync::atomic::AtomicBool,
+    path::PathBuf,
+    process,
+    sync::atomic::{AtomicBool, Ordering},
 };
 
-use anyhow::{Result, bail};
+use anyhow::{Context as _, Result, bail};
 use clap::{Args, ValueEnum};
 use indicatif::MultiProgress;
 use rand::{Rng, SeedableRng};
@@ -110,12 +111,31 @@ pub fn render(arguments: &RenderArguments, registry: &Registry) -> Result<(), Fa
         let restored = prepared.participants.restore_agents(&saved.state);
         restored.map_err(|error| Failure::Input(error.to_string()))?;
     }
+    stop_on_ctrl_c();
     let encoder = Encoder::create(&arguments.out, arguments.fps).map_err(Failure::Input)?;
     let q_min = threshold(registry, &variant.experiment);
-    film(arguments, &variant, prepared, q_min, encoder, seed)
-        .map_err(|error| Failure::Run(format!("{error:#}")))?;
+    let filmed = film(arguments, &variant, prepared, q_min, encoder, seed);
+    if STOP.load(Ordering::Relaxed) {
+        return Err(Failure::Interrupted("stopped by Ctrl-C; no film was written".into()));
+    }
+    filmed.map_err(|error| Failure::Run(format!("{error:#}")))?;
     println!("{}", arguments.out.display());
     Ok(())
+}
+
+/// Set by Ctrl-C. The film then ends before it is complete, and its file is removed.
+static STOP: AtomicBool = AtomicBool::new(false);
+
+/// The first Ctrl-C ends the film, the second the program at once.
+fn stop_on_ctrl_c() {
+    let installed = ctrlc::set_handler(|| {
+        if STOP.swap(true, Ordering::Relaxed) {
+            process::exit(130);
+        }
+    });
+    if let Err(error) = installed {
+        eprintln!("warning: Ctrl-C leaves an unfinished file behind: {error}");
+    }
 }
 
 fn variant(arguments: &RenderArguments) -> Result<Variant, Failure> {
@@ -186,8 +206,7 @@ fn film(
     loop_settings.steps = arguments.train_steps + if is_loop { arguments.steps } else { 0 };
     let progress = Progress::new(&MultiProgress::new(), "filming".into(), loop_settings.steps, 0);
     let mut observer = Fanout(progress, filmer);
-    let stop = AtomicBool::new(false);
-    let mut joint = JointLoop::new(loop_settings, participants, resets, &mut observer, &stop);
+    let mut joint = JointLoop::new(loop_settings, participants, resets, &mut observer, &STOP);
     joint.run()?;
     let (world, agents) = joint.into_parts();
     let Fanout(progress, mut filmer) = observer;
@@ -196,7 +215,10 @@ fn film(
         perform(arguments, world, agents, seed, &mut filmer)?;
     }
     drop(filmer);
-    encoder.finish()
+    if STOP.load(Ordering::Relaxed) {
+        return Ok(());
+    }
+    encoder.finish().with_context(|| format!("cannot write {}", arguments.out.display()))
 }
 
 /// Episodes one after the other, each from a hard reset, in which one agent acts, or nobody.
@@ -214,6 +236,9 @@ fn perform(
     let mut actions = Pcg64::seed_from_u64(seed);
     let mut left = 0;
     for step in 1..=arguments.steps {
+        if STOP.load(Ordering::Relaxed) {
+            break;
+        }
         if left == 0 {
             world.hard_reset(None, seeds.next_u64())?;
             left = spec.episode_length;
@@ -244,11 +269,4 @@ fn perform(
         }
     }
     Ok(())
-}
-
-/// The path's file that is being written.
-fn partial(path: &Path) -> PathBuf {
-    let mut name = path.as_os_str().to_owned();
-    name.push(".partial");
-    name.into()
 }

@@ -1,9 +1,6 @@
 //! The files of a drop-in: what it has learned and counted, and an event file for TensorBoard.
 
-use std::{
-    collections::BTreeMap,
-    path::{Path, PathBuf},
-};
+use std::path::{Path, PathBuf};
 
 use shield_api::Error;
 
@@ -70,7 +67,7 @@ fn absolute(path: &Path) -> Result<PathBuf, CheckpointError> {
 /// # Errors
 /// It cannot be written.
 pub fn log_to(drop_in: &mut DropIn, folder: &Path) -> shield_api::Result<()> {
-    let events = EventFile::open(folder, &BTreeMap::new()).map_err(failed)?;
+    let events = EventFile::create(folder).map_err(failed)?;
     drop_in.log_episodes(Box::new(Events(events)));
     Ok(())
 }

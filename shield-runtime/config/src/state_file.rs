@@ -8,6 +8,8 @@ use std::{
 
 use serde::{Serialize, de::DeserializeOwned};
 
+use crate::atomic_file::AtomicFile;
+
 const MAGIC: &[u8; 8] = b"SHIELDCP";
 /// To be raised with every change of what is saved: the body does not describe itself.
 const VERSION: u32 = 2;
@@ -74,7 +76,25 @@ pub enum CheckpointError {
         /// The folder of the checkpoints.
         path: PathBuf,
     },
+    /// A plugin refuses its state, or ended while it loaded it.
+    #[error("{path} is refused: {error}")]
+    Refused {
+        /// The file.
+        path: PathBuf,
+        /// What the plugin says.
+        error: shield_api::Error,
+    },
+    /// The lock is a link, a folder or a device.
+    #[error("{path} is not a regular file; a lock must be one")]
+    IrregularLock {
+        /// The lock.
+        path: PathBuf,
+    },
 }
+
+/// What helps where a run cannot go on.
+pub const BEGIN_ANEW: &str =
+    "move the folder aside, or begin anew with `shield run` and --overwrite, which removes it";
 
 impl CheckpointError {
     /// What the system says of a file.
@@ -82,9 +102,28 @@ impl CheckpointError {
         Self::Io { path: path.to_owned(), error }
     }
 
-    /// Whether the file itself is bad, so that the one before it may do.
+    /// Whether what was saved is bad, so that the checkpoint before it may do. A file that is missing or cannot be read is not: once that is
+    /// put right, this checkpoint is as good as ever. Neither is another version.
     pub fn is_damage(&self) -> bool {
-        matches!(self, Self::Io { .. } | Self::Foreign { .. } | Self::Version { .. } | Self::Torn { .. })
+        matches!(self, Self::Foreign { .. } | Self::Torn { .. } | Self::Refused { .. })
+    }
+
+    /// What the user can do about it.
+    pub fn remedy(&self) -> String {
+        match self {
+            Self::Io { error, .. } if error.kind() == io::ErrorKind::NotFound => {
+                format!("put the file back, or {BEGIN_ANEW}")
+            }
+            Self::Io { .. } => "remove the cause, then give the same command again".into(),
+            Self::Foreign { .. } | Self::Torn { .. } | Self::Refused { .. } => BEGIN_ANEW.into(),
+            Self::Version { .. } => {
+                format!("go on with the version of shield that wrote it, or {BEGIN_ANEW}")
+            }
+            Self::Plugin { .. } => format!("install the plugin that wrote it, or {BEGIN_ANEW}"),
+            Self::Config { .. } => format!("go on with the configuration of the run, or {BEGIN_ANEW}"),
+            Self::Busy { .. } => "wait until that process has ended".into(),
+            Self::IrregularLock { .. } => "remove it if no other process writes the run".into(),
+        }
     }
 }
 
@@ -100,15 +139,14 @@ pub fn write(path: &Path, previous: Option<&Path>, body: &impl Serialize) -> Res
     bytes[12..20].copy_from_slice(&length.to_le_bytes());
     bytes[20..24].copy_from_slice(&checksum.to_le_bytes());
 
-    let aside = path.with_extension("partial");
     let write = || {
-        let mut file = File::create(&aside)?;
+        let mut file = AtomicFile::create(path)?;
         file.write_all(&bytes)?;
-        file.sync_all()?;
+        file.sync()?;
         if let Some(previous) = previous.filter(|_| path.exists()) {
             fs::rename(path, previous)?;
         }
-        fs::rename(&aside, path)
+        file.commit()
     };
     write().map_err(|error| CheckpointError::io(path, error))?;
     path.parent().map_or(Ok(()), sync_folder)
@@ -191,11 +229,11 @@ mod tests {
     }
 
     #[test]
-    fn an_unknown_format_is_refused_by_number() {
+    fn another_format_is_named_and_is_no_damage() {
         let (_folder, path, mut bytes) = written();
         bytes[8] = 9;
         fs::write(&path, &bytes).unwrap();
-        let error = read::<Vec<u32>>(&path).unwrap_err().to_string();
-        assert!(error.contains("format 9"), "{error}");
+        let error = read::<Vec<u32>>(&path).unwrap_err();
+        assert!(error.to_string().contains("format 9") && !error.is_damage(), "{error}");
     }
 }

@@ -17,8 +17,7 @@ mod state;
 
 pub use looking::Deliberation;
 pub use settings::CycleSettings;
-pub use state::{CycleState, LearnedState};
-pub use state::{restore_rules, save_rules};
+pub use state::{CycleState, LearnedState, of_plugin, restore_rules, save_rules};
 
 use rand_pcg::Pcg64;
 use shield_api::{Error, metrics::Metrics};

@@ -226,6 +226,18 @@ impl Experience {
         }
     }
 
+    /// Becomes a memory with the transitions `kept`, whose rows [`write_rows`](Self::write_rows) wrote, perhaps of a memory of another capacity. Of
+    /// more than there is room for, the newest stay; fewer are numbered from 0, since a memory that is not full has forgotten nothing.
+    pub(crate) fn replace(&mut self, kept: Range<u64>, rows: &[u8]) {
+        let room = self.capacity as u64;
+        let first = kept.start.max(kept.end.saturating_sub(room));
+        let forgotten = (first - kept.start) as usize * self.row_bytes();
+        let count = kept.end - first;
+        let kept = if count < room { 0..count } else { first..kept.end };
+        self.expect_rows(kept.clone());
+        self.read_rows(kept.start, &rows[forgotten..]);
+    }
+
     /// Everything but the masks, with the length of a row.
     fn columns(&self) -> [(&[f32], usize); 7] {
         let [forward, reset] = &self.shares;

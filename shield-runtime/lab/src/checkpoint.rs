@@ -4,7 +4,11 @@
 //! written each time: it lies beside the file in segments that only grow, and the checkpoint says how far they count.
 
 mod experience_log;
+mod lock;
 mod store;
 
+pub(crate) use shield_config::state_file::BEGIN_ANEW;
 pub use shield_config::state_file::CheckpointError;
-pub use store::{CheckpointStore, PluginVersion, Provenance, RunFiles, Saved, last_checkpoint};
+pub use store::{
+    CheckpointStore, LockedCheckpoints, PluginVersion, Provenance, RunFiles, Saved, last_checkpoint,
+};

@@ -37,8 +37,8 @@ pub struct JointLoop<'a> {
     last_evaluation: Option<u64>,
     start: Start,
     is_interrupted: bool,
-    /// Steps before the last checkpoint; 0 before the first.
-    last_checkpoint: u64,
+    /// Steps before the last checkpoint; `None` before the first.
+    last_checkpoint: Option<u64>,
     /// The environment's state before a decision that is recorded with it.
     state: Vec<u8>,
 }
@@ -69,7 +69,7 @@ impl<'a> JointLoop<'a> {
             last_evaluation: None,
             start: Start::New,
             is_interrupted: false,
-            last_checkpoint: 0,
+            last_checkpoint: None,
             state: Vec::new(),
         }
     }
@@ -201,9 +201,10 @@ impl<'a> JointLoop<'a> {
         let is_stopped = self.stop.load(Ordering::Relaxed);
         let steps = self.counters().steps;
         if let Some(every) = self.settings.checkpoint_every
-            && self.last_checkpoint != steps
+            && self.last_checkpoint != Some(steps)
         {
-            // A stop changes nothing about a checkpoint that is due in every run.
+            // The first is due before the first step: from then on, a run that is killed can go on. A stop changes nothing about a
+            // checkpoint that is due in every run.
             if steps.is_multiple_of(every) {
                 self.keep(Occasion::Periodic)?;
             } else if is_stopped {

@@ -1,10 +1,10 @@
 //! `shield plugin lock`: pins the plugins of an experiment.
 
-use std::{collections::BTreeMap, fs, io::Write as _, path::PathBuf};
+use std::{collections::BTreeMap, io::Write as _, path::PathBuf};
 
 use anyhow::Context as _;
 use clap::Args;
-use shield_config::experiment::ExperimentFile;
+use shield_config::{atomic_file::AtomicFile, experiment::ExperimentFile};
 use shield_host::plugin::{Identity, Registry};
 
 use super::super::Failure;
@@ -45,16 +45,15 @@ pub fn lock(arguments: &LockArguments, registry: &Registry) -> Result<(), Failur
     Ok(())
 }
 
-/// The file is there whole at every moment: as it was, or as it shall be.
+/// The file is there whole at every moment: as it was, or as it shall be. If its name is a link, the link stays.
 fn replace(file: &ExperimentFile, text: &str) -> anyhow::Result<()> {
     let context = || format!("{} cannot be written", file.path.display());
     let path = file.path.canonicalize().with_context(context)?;
-    let aside = path.with_extension("partial");
     let write = || {
-        let mut out = fs::File::create(&aside)?;
+        let mut out = AtomicFile::create(&path)?;
         out.write_all(text.as_bytes())?;
-        out.sync_all()?;
-        fs::rename(&aside, &path)
+        out.sync()?;
+        out.commit()
     };
     write().with_context(context)
 }

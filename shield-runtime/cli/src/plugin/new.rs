@@ -3,7 +3,7 @@
 mod templates;
 
 use std::{
-    env,
+    env, fs, io,
     path::{Path, PathBuf},
 };
 
@@ -88,14 +88,13 @@ pub fn new(arguments: &NewArguments) -> Result<(), Failure> {
     let api = api.canonicalize().map_err(|error| Failure::Input(format!("{}: {error}", api.display())))?;
     let name = arguments.id.rsplit('/').next().unwrap_or(&arguments.id);
     let folder = arguments.path.clone().unwrap_or_else(|| name.into());
-    if folder.exists() {
-        let message = format!("{} exists already; --path <folder> makes another", folder.display());
-        return Err(Failure::Input(message));
-    }
     let texts = files(arguments, name, &api).map_err(|error| Failure::Run(format!("{error:#}")))?;
-    for (file, text) in texts {
-        let path = folder.join(file);
-        write_in_folder(&path, text.as_bytes()).map_err(|error| Failure::Run(format!("{error:#}")))?;
+    create(&folder)?;
+    let write = |(file, text): &(&str, String)| write_in_folder(&folder.join(file), text.as_bytes());
+    if let Err(error) = texts.iter().try_for_each(write) {
+        // It was made a moment ago, and is of no use without all of its files.
+        fs::remove_dir_all(&folder).ok();
+        return Err(Failure::Run(format!("{error:#}")));
     }
     let build = if arguments.language == Language::Rust { "cargo build --release" } else { "make" };
     let library = library(arguments.language, name);
@@ -103,6 +102,17 @@ pub fn new(arguments: &NewArguments) -> Result<(), Failure> {
     println!("  cd {} && {build}", folder.display());
     println!("  shield plugin check {library}\n  shield run experiment.ron");
     Ok(())
+}
+
+/// Makes the folder. It must be new, so that no file in it is anybody else's.
+fn create(folder: &Path) -> Result<(), Failure> {
+    let parents = folder.parent().map_or(Ok(()), fs::create_dir_all);
+    parents.and_then(|()| fs::create_dir(folder)).map_err(|error| match error.kind() {
+        io::ErrorKind::AlreadyExists => {
+            Failure::Input(format!("{} exists already; --path <folder> makes another", folder.display()))
+        }
+        _ => Failure::Run(format!("{} cannot be made: {error}", folder.display())),
+    })
 }
 
 /// The files of the folder with their texts.

@@ -2,30 +2,29 @@
 
 use std::{
     collections::HashMap,
-    fs::{self, File},
     io::{BufWriter, Write as _},
-    path::{Path, PathBuf},
-    process::{Child, Command, Stdio},
+    path::Path,
+    process::{Child, Command, ExitStatus, Stdio},
 };
 
 use anyhow::{Context, Result, ensure};
 use color_quant::NeuQuant;
+use shield_config::atomic_file::AtomicFile;
 use shield_report::{film::overlay_colours, report::Picture};
-
-use super::partial;
 
 /// Writes pictures to a file, which appears under its name only when it is complete.
 pub struct Encoder {
-    path: PathBuf,
-    partial: PathBuf,
-    fps: u16,
+    // Dropped first: ffmpeg must have ended before its file is removed.
     form: Form,
+    /// `None` once a GIF has begun, which owns its file.
+    file: Option<AtomicFile>,
+    fps: u16,
 }
 
 enum Form {
     Gif(Option<Box<Gif>>),
     Png(Option<Picture>),
-    Mp4(Option<Child>),
+    Mp4(Option<Ffmpeg>),
 }
 
 impl Encoder {
@@ -52,7 +51,8 @@ impl Encoder {
         {
             return Err(format!("the folder {} does not exist", folder.display()));
         }
-        Ok(Self { path: path.into(), partial: partial(path), fps, form })
+        let file = AtomicFile::create(path).map_err(|error| format!("{}: {error}", path.display()))?;
+        Ok(Self { form, file: Some(file), fps })
     }
 
     /// Adds a picture.
@@ -60,59 +60,79 @@ impl Encoder {
         match &mut self.form {
             Form::Png(last) => *last = Some(picture.clone()),
             Form::Gif(gif) => {
-                if gif.is_none() {
-                    *gif = Some(Box::new(Gif::create(&self.partial, picture, self.fps)?));
+                if let Some(file) = self.file.take() {
+                    *gif = Some(Box::new(Gif::create(file, picture, self.fps)?));
                 }
                 gif.as_mut().context("the GIF was just made")?.add(picture)?;
             }
             Form::Mp4(child) => {
                 if child.is_none() {
-                    *child = Some(ffmpeg(&self.partial, picture, self.fps)?);
+                    let file = self.file.as_ref().context("only a GIF takes the file")?;
+                    *child = Some(Ffmpeg::start(file.temporary_path(), picture, self.fps)?);
                 }
-                let input = child.as_mut().and_then(|child| child.stdin.as_mut());
-                let written = input.context("ffmpeg takes no input")?.write_all(picture.pixels());
-                written.context("ffmpeg ended early; what it said stands above")?;
+                child.as_mut().context("ffmpeg was just started")?.add(picture)?;
             }
         }
         Ok(())
     }
 
     /// Completes the file.
-    pub fn finish(self) -> Result<()> {
-        match self.form {
+    pub fn finish(mut self) -> Result<()> {
+        let file = match &mut self.form {
             Form::Png(last) => {
-                let png = last.context("nothing was filmed")?.png()?;
-                fs::write(&self.partial, png)
-                    .with_context(|| format!("cannot write {}", self.partial.display()))?;
+                let png = last.take().context("nothing was filmed")?.png()?;
+                let mut file = self.file.take().context("only a GIF takes the file")?;
+                file.write_all(&png)?;
+                file
             }
-            Form::Gif(gif) => gif.context("nothing was filmed")?.finish()?,
+            Form::Gif(gif) => gif.take().context("nothing was filmed")?.finish()?,
             Form::Mp4(child) => {
-                // Waiting closes its input first.
-                let output = child.context("nothing was filmed")?.wait_with_output()?;
-                ensure!(output.status.success(), "ffmpeg failed ({})", output.status);
+                let status = child.as_mut().context("nothing was filmed")?.finish()?;
+                ensure!(status.success(), "ffmpeg failed ({status})");
+                self.file.take().context("only a GIF takes the file")?
             }
-        }
-        fs::rename(&self.partial, &self.path).with_context(|| format!("cannot write {}", self.path.display()))
+        };
+        Ok(file.commit()?)
     }
 }
 
-fn create(path: &Path) -> Result<BufWriter<File>> {
-    Ok(BufWriter::new(File::create(path).with_context(|| format!("cannot write {}", path.display()))?))
+/// The program ffmpeg at work; ended when it is dropped.
+struct Ffmpeg(Child);
+
+impl Ffmpeg {
+    fn start(path: &Path, picture: &Picture, fps: u16) -> Result<Self> {
+        let size = format!("{}x{}", picture.width(), picture.height());
+        let mut command = Command::new("ffmpeg");
+        command.args(["-loglevel", "error", "-y", "-f", "rawvideo", "-pixel_format", "rgb24"]);
+        command.args(["-video_size", &size, "-framerate", &fps.to_string(), "-i", "-"]);
+        // Its usual colours need even sides.
+        command.args(["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p", "-f", "mp4"]);
+        let child = command.arg(path).stdin(Stdio::piped()).spawn().context("ffmpeg could not be started")?;
+        Ok(Self(child))
+    }
+
+    fn add(&mut self, picture: &Picture) -> Result<()> {
+        let input = self.0.stdin.as_mut().context("ffmpeg takes no input")?;
+        input.write_all(picture.pixels()).context("ffmpeg ended early; what it said stands above")
+    }
+
+    /// Waits until it has written everything; closes its input first.
+    fn finish(&mut self) -> Result<ExitStatus> {
+        self.0.wait().context("ffmpeg was lost")
+    }
 }
 
-fn ffmpeg(path: &Path, picture: &Picture, fps: u16) -> Result<Child> {
-    let size = format!("{}x{}", picture.width(), picture.height());
-    let mut command = Command::new("ffmpeg");
-    command.args(["-loglevel", "error", "-y", "-f", "rawvideo", "-pixel_format", "rgb24"]);
-    command.args(["-video_size", &size, "-framerate", &fps.to_string(), "-i", "-"]);
-    // Its usual colours need even sides.
-    command.args(["-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p", "-f", "mp4"]);
-    command.arg(path).stdin(Stdio::piped()).spawn().context("ffmpeg could not be started")
+impl Drop for Ffmpeg {
+    fn drop(&mut self) {
+        // Both fail only where it has ended already.
+        self.0.kill().ok();
+        self.0.wait().ok();
+    }
 }
 
 /// One palette for the whole film, and of each picture only the rectangle that changed: small, and nothing flickers.
 struct Gif {
-    encoder: gif::Encoder<BufWriter<File>>,
+    encoder: gif::Encoder<BufWriter<AtomicFile>>,
     quantiser: NeuQuant,
     known: HashMap<[u8; 3], u8>,
     before: Option<Picture>,
@@ -121,7 +141,7 @@ struct Gif {
 }
 
 impl Gif {
-    fn create(path: &Path, first: &Picture, fps: u16) -> Result<Self> {
+    fn create(file: AtomicFile, first: &Picture, fps: u16) -> Result<Self> {
         /// So often each colour of the overlay counts, which the first picture may not show.
         const WEIGHT: usize = 500;
         let opaque = |pixel: &[u8]| [pixel[0], pixel[1], pixel[2], 255];
@@ -131,7 +151,7 @@ impl Gif {
         }
         let quantiser = NeuQuant::new(3, 256, &sample);
         let (width, height) = (u16::try_from(first.width())?, u16::try_from(first.height())?);
-        let mut encoder = gif::Encoder::new(create(path)?, width, height, &quantiser.color_map_rgb())?;
+        let mut encoder = gif::Encoder::new(BufWriter::new(file), width, height, &quantiser.color_map_rgb())?;
         encoder.set_repeat(gif::Repeat::Infinite)?;
         Ok(Self { encoder, quantiser, known: HashMap::new(), before: None, delay: 100 / fps })
     }
@@ -163,8 +183,9 @@ impl Gif {
         Ok(())
     }
 
-    fn finish(self) -> Result<()> {
-        self.encoder.into_inner()?.flush().context("the GIF was not completed")
+    fn finish(self) -> Result<AtomicFile> {
+        let writer = self.encoder.into_inner()?;
+        writer.into_inner().map_err(|error| error.into_error()).context("the GIF was not completed")
     }
 }
 

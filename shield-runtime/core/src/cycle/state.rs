@@ -1,7 +1,7 @@
 //! Keeping what a cycle remembers between two steps, and going on from it.
 
 use serde::{Deserialize, Serialize};
-use shield_api::{AbortRule, Error, Result, check_length};
+use shield_api::{AbortRule, Error, Result};
 
 use super::{CycleParts, ResetCycle};
 use crate::{
@@ -33,6 +33,18 @@ pub struct LearnedState {
     pub rules: Vec<PluginState>,
 }
 
+impl CycleState {
+    /// The action that was executed before; `None` after a hard reset.
+    pub fn previous(&self) -> Option<&[f32]> {
+        self.previous.as_deref()
+    }
+}
+
+/// Says which field of the experiment names the plugin that refuses its state.
+pub fn of_plugin(field: &str, restored: Result<()>) -> Result<()> {
+    restored.map_err(|error| Error::new(error.kind(), format!("`{field}`: {error}")))
+}
+
 impl CycleParts {
     /// What the agents and the rules have learned.
     ///
@@ -52,12 +64,12 @@ impl CycleParts {
     /// A plugin refuses its state.
     pub fn restore(&mut self, state: &LearnedState) -> Result<()> {
         if let (Some(forward), Some(state)) = (&mut self.forward, &state.forward) {
-            forward.restore(state)?;
+            of_plugin("forward", forward.restore(state))?;
         }
         if let (Some(reset), Some(state)) = (&mut self.reset, &state.reset) {
-            reset.restore(state)?;
+            of_plugin("reset", reset.restore(state))?;
         }
-        restore_rules(self.ladder.as_mut(), &state.rules)
+        of_plugin("shield.rules", restore_rules(self.ladder.as_mut(), &state.rules))
     }
 }
 
@@ -73,20 +85,15 @@ impl ResetCycle {
         }
     }
 
-    /// Goes on within the episode in which `state` was saved.
-    ///
-    /// # Errors
-    /// It belongs to actions of another length.
-    pub fn restore(&mut self, state: &CycleState) -> Result<()> {
+    /// Goes on within the episode in which `state` was saved, with actions of the same length.
+    pub fn go_on(&mut self, state: &CycleState) {
         if let Some(previous) = &state.previous {
-            check_length("the saved action", previous, self.previous.len())?;
             self.previous.copy_from_slice(previous);
         }
         self.has_previous = state.previous.is_some();
         (self.turn, self.episode) = (state.turn, Some(state.tally));
         (self.failed_attempts, self.was_irreversible) = (state.failed_attempts, state.was_irreversible);
         (self.is_placed, self.hard_reset_due) = (true, None);
-        Ok(())
     }
 
     /// Goes on from what was counted.

@@ -61,6 +61,15 @@ struct MemoryState {
     rows: ByteBuf,
 }
 
+impl MemoryState {
+    /// Whether the rows are those that it says it keeps.
+    fn is_complete(&self) -> bool {
+        let count = self.kept.end.checked_sub(self.kept.start);
+        let bytes = count.and_then(|count| usize::try_from(count).ok()?.checked_mul(self.row_bytes));
+        bytes == Some(self.rows.len())
+    }
+}
+
 impl DropIn {
     /// What was learned and counted until now.
     ///
@@ -98,8 +107,9 @@ impl DropIn {
         })
     }
 
-    /// Goes on from the state of a shield with the same spaces, reset agent, rules and reset task; the settings of the rules may differ. Where the
-    /// environment stands is not known: a hard reset is needed.
+    /// Goes on from the state of a shield with the same spaces, reset agent, rules and reset task; the settings of the rules may differ, and so may
+    /// the capacity of the experience: of more transitions than there is room for, the newest stay. Where the environment stands is not known: a
+    /// hard reset is needed.
     ///
     /// # Errors
     /// The state belongs to another shield, or a plugin refuses its own; then a hard reset is needed too, and what was learned may be half of each.
@@ -130,12 +140,15 @@ impl DropIn {
             }
         }
         if let (Some(memory), Some(learned)) = (&self.cycle.parts().memory, &state.learned) {
-            let (experience, length) = (&memory.experience, learned.kept.end - learned.kept.start);
-            let fits = experience.row_bytes() == learned.row_bytes
-                && length as usize <= experience.capacity()
-                && learned.rows.len() == length as usize * learned.row_bytes;
-            if !fits {
-                return Err(foreign("its experience has another capacity or another ensemble".into()));
+            let (own, found) = (memory.experience.row_bytes(), learned.row_bytes);
+            if own != found {
+                let what = "its experience belongs to another ensemble";
+                return Err(foreign(format!(
+                    "{what}: a transition takes {found} bytes; here it takes {own}"
+                )));
+            }
+            if !learned.is_complete() {
+                return Err(foreign("its experience has more or fewer transitions than it says".into()));
             }
         }
         self.take_over(state).map_err(RestoreError::Plugin)
@@ -146,8 +159,7 @@ impl DropIn {
         let parts = self.cycle.parts_mut();
         parts.restore(&LearnedState { forward: None, reset: Some(agent), rules })?;
         if let (Some(memory), Some(learned)) = (&mut parts.memory, state.learned) {
-            memory.experience.expect_rows(learned.kept.clone());
-            memory.experience.read_rows(learned.kept.start, &learned.rows);
+            memory.experience.replace(learned.kept, &learned.rows);
             memory.masks = learned.masks;
         }
         if let (Some(task), Some(state)) = (&mut self.task, &state.task) {

@@ -1,8 +1,9 @@
 //! The experience on disk: segments of transitions in the order in which they were stored.
 
 use std::{
-    fs::{self, File, OpenOptions},
-    io::{Read, Seek, SeekFrom, Write},
+    ffi::OsStr,
+    fs::{self, File},
+    io::{self, Read, Write},
     ops::Range,
     path::{Path, PathBuf},
 };
@@ -10,6 +11,7 @@ use std::{
 use crc32fast::Hasher;
 use serde::{Deserialize, Serialize};
 
+use shield_config::growing_file;
 use shield_config::state_file::{CheckpointError, Result, sync_folder};
 use shield_core::experience::Experience;
 
@@ -35,6 +37,13 @@ impl Segment {
     fn path(&self, folder: &Path) -> PathBuf {
         folder.join(format!("experience-{:012}.rows", self.first))
     }
+}
+
+/// Whether [`Segment::path`] made the name.
+fn is_segment(path: &Path) -> bool {
+    let name = path.file_name().and_then(OsStr::to_str);
+    let first = name.and_then(|name| name.strip_prefix("experience-")?.strip_suffix(".rows"));
+    first.is_some_and(|first| first.len() >= 12 && first.bytes().all(|byte| byte.is_ascii_digit()))
 }
 
 /// How far the segments count for a checkpoint.
@@ -89,7 +98,7 @@ impl ExperienceLog {
     fn begin_segment(&mut self, first: u64) -> Result<()> {
         let segment = Segment { first, rows: 0, crc: 0 };
         let path = segment.path(&self.folder);
-        let file = File::create(&path).map_err(|error| CheckpointError::io(&path, error))?;
+        let file = growing_file::begin(&path).map_err(|error| CheckpointError::io(&path, error))?;
         self.file = Some(file);
         self.segments.push(segment);
         sync_folder(&self.folder)
@@ -119,8 +128,7 @@ impl ExperienceLog {
         let failed = |error| CheckpointError::io(&self.folder, error);
         for entry in fs::read_dir(&self.folder).map_err(failed)? {
             let path = entry.map_err(failed)?.path();
-            let is_segment = path.extension().is_some_and(|extension| extension == "rows");
-            if is_segment && !needed.contains(&path) {
+            if is_segment(&path) && !needed.contains(&path) {
                 fs::remove_file(&path).map_err(|error| CheckpointError::io(&path, error))?;
             }
         }
@@ -134,6 +142,7 @@ impl ExperienceLog {
         for segment in &mark.segments {
             let path = segment.path(folder);
             let failed = |error| CheckpointError::io(&path, error);
+            let torn = |what| CheckpointError::Torn { path: path.clone(), what };
             let mut file = File::open(&path).map_err(failed)?;
             let mut hasher = Hasher::new();
             let mut block = Vec::new();
@@ -141,33 +150,38 @@ impl ExperienceLog {
             while next < segment.end() {
                 let rows = BLOCK_ROWS.min(segment.end() - next);
                 block.resize(rows as usize * row_bytes, 0);
-                file.read_exact(&mut block).map_err(failed)?;
+                file.read_exact(&mut block).map_err(|error| match error.kind() {
+                    io::ErrorKind::UnexpectedEof => torn("it ends too early"),
+                    _ => failed(error),
+                })?;
                 hasher.update(&block);
                 let forgotten = mark.kept.start.saturating_sub(next).min(rows);
                 experience.read_rows(next + forgotten, &block[forgotten as usize * row_bytes..]);
                 next += rows;
             }
             if hasher.finalize() != segment.crc {
-                return Err(CheckpointError::Torn { path, what: "its checksum is wrong" });
+                return Err(torn("its checksum is wrong"));
             }
         }
         Ok(())
     }
 
-    /// Goes on from a checkpoint's mark: what was appended after it is cut off.
-    pub fn reopen(folder: &Path, mark: &Mark, row_bytes: usize) -> Result<Self> {
+    /// Opens the segments to go on from a checkpoint's mark. Nothing changes before [`cut_back`](Self::cut_back).
+    pub fn reopen(folder: &Path, mark: &Mark) -> Result<Self> {
         let mut log = Self { segments: mark.segments.clone(), ..Self::new(folder) };
         if let Some(last) = log.segments.last() {
             let path = last.path(folder);
-            let open = || {
-                let mut file = OpenOptions::new().write(true).open(&path)?;
-                file.set_len(last.rows * row_bytes as u64)?;
-                file.seek(SeekFrom::End(0))?;
-                Ok(file)
-            };
-            log.file = Some(open().map_err(|error| CheckpointError::io(&path, error))?);
+            let file = growing_file::reopen(&path);
+            log.file = Some(file.map_err(|error| CheckpointError::io(&path, error))?);
         }
         Ok(log)
+    }
+
+    /// Cuts off what was appended after the mark.
+    pub fn cut_back(&mut self, row_bytes: usize) -> Result<()> {
+        let (Some(last), Some(file)) = (self.segments.last(), &self.file) else { return Ok(()) };
+        growing_file::cut_back(file, last.rows * row_bytes as u64)
+            .map_err(|error| CheckpointError::io(&last.path(&self.folder), error))
     }
 }
 
@@ -246,7 +260,8 @@ mod tests {
         log.append(&experience).unwrap();
         let mut again = memory(100);
         ExperienceLog::read(folder.path(), &mark, &mut again).unwrap();
-        let mut log = ExperienceLog::reopen(folder.path(), &mark, again.row_bytes()).unwrap();
+        let mut log = ExperienceLog::reopen(folder.path(), &mark).unwrap();
+        log.cut_back(again.row_bytes()).unwrap();
         push(&mut again, 30);
         let mark = log.append(&again).unwrap();
         let mut read = memory(100);

@@ -6,7 +6,8 @@ use crate::{
     loop_state::{LoopRandomness, LoopState},
     observer::{Occasion, Snapshot},
 };
-use shield_core::cycle::Memory;
+use shield_api::{Error, check_length};
+use shield_core::cycle::{CycleParts, LearnedState, Memory, of_plugin};
 
 /// Where a loop begins.
 #[derive(Debug, Clone, Copy)]
@@ -29,20 +30,35 @@ impl Participants {
     pub fn restore_agents(&mut self, state: &LoopState) -> shield_api::Result<()> {
         self.agents.restore(&state.learned)
     }
+
+    /// Gives everyone the state of a run. Those who refused must not be used any more.
+    ///
+    /// # Errors
+    /// A plugin refuses its state, or the state is of another run.
+    pub fn restore(&mut self, state: &LoopState) -> shield_api::Result<()> {
+        let CycleParts { forward, reset, .. } = &self.agents;
+        let LearnedState { forward: saved_forward, reset: saved_reset, .. } = &state.learned;
+        let is_complete = (forward.is_some(), reset.is_some(), self.evaluator.is_some())
+            == (saved_forward.is_some(), saved_reset.is_some(), state.evaluator.is_some());
+        if !is_complete {
+            return Err(Error::invalid_argument("it is the state of a run with other agents"));
+        }
+        if let Some(previous) = state.cycle.previous() {
+            check_length("the saved action", previous, self.world.spec().spaces.action_len())?;
+        }
+        self.restore_agents(state)?;
+        of_plugin("environment", self.world.restore(&state.world))?;
+        match (&mut self.evaluator, &state.evaluator) {
+            (Some(evaluator), Some(state)) => of_plugin("evaluation", evaluator.restore(state)),
+            _ => Ok(()),
+        }
+    }
 }
 
 impl JointLoop<'_> {
-    /// Goes on from `state`; the experience of the participants must be that of the same moment. Where a plugin could not save its
-    /// state, the loop goes on from a counted hard reset.
-    ///
-    /// # Errors
-    /// A plugin refuses its state.
-    pub fn restore(&mut self, state: &LoopState) -> shield_api::Result<()> {
-        self.cycle.parts_mut().restore(&state.learned)?;
-        self.world.restore(&state.world)?;
-        if let (Some(evaluator), Some(state)) = (&mut self.evaluator, &state.evaluator) {
-            evaluator.restore(state)?;
-        }
+    /// Goes on from the `state` that [`Participants::restore`] gave to the participants; their experience must be that of the same moment.
+    /// Where a plugin could not save its state, the loop goes on from a counted hard reset.
+    pub fn go_on(&mut self, state: &LoopState) {
         self.cycle.metrics().restore(&state.metrics);
         let LoopRandomness { resets, masks } = state.randomness.clone();
         self.resets = resets;
@@ -51,8 +67,8 @@ impl JointLoop<'_> {
         }
         self.cycle.restore_counts(state.counters, 0);
         self.last_evaluation = state.last_evaluation;
-        self.last_checkpoint = state.counters.steps;
-        self.cycle.restore(&state.cycle)?;
+        self.last_checkpoint = Some(state.counters.steps);
+        self.cycle.go_on(&state.cycle);
         self.start = if state.is_finished {
             Start::Finished
         } else if state.unsaved().is_empty() {
@@ -60,7 +76,6 @@ impl JointLoop<'_> {
         } else {
             Start::HardReset
         };
-        Ok(())
     }
 
     /// Something was lost when the run was stopped: it goes on from a hard reset, which counts.
@@ -79,7 +94,7 @@ impl JointLoop<'_> {
     }
 
     pub(super) fn keep(&mut self, occasion: Occasion) -> anyhow::Result<()> {
-        self.last_checkpoint = self.counters().steps;
+        self.last_checkpoint = Some(self.counters().steps);
         let learned = self.cycle.parts_mut().save()?;
         let cycle = self.cycle.save();
         let Some(Memory { experience, masks }) = &self.cycle.parts().memory else { return Ok(()) };

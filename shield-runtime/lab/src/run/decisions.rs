@@ -6,7 +6,8 @@ use read::read_part;
 pub use read::{DecisionRow, read_decisions};
 
 use std::{
-    fs::{self, File},
+    ffi::OsStr,
+    fs, io,
     path::{Path, PathBuf},
     sync::Arc,
 };
@@ -24,12 +25,12 @@ use parquet::{
 
 use serde::{Deserialize, Serialize};
 
+use crate::checkpoint::CheckpointError;
+use shield_config::atomic_file::{AtomicFile, remove_leftovers};
 use shield_core::record::DecisionRecord;
 
 /// Rows that wait in memory until they are written together.
 const ROWS: usize = 8_192;
-/// Extension of the part that is being written.
-const ASIDE: &str = "partial";
 
 /// How many figures of each kind a decision has.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -126,7 +127,7 @@ pub struct DecisionState {
     rows: u64,
 }
 
-/// Writes decisions, in one part after the other. A part that is not closed yet lies aside, so that readers see whole ones only.
+/// Writes decisions, in one part after the other. A part gets its name when it is closed, so readers see only whole parts.
 pub struct DecisionLog {
     folder: PathBuf,
     part: u32,
@@ -134,7 +135,7 @@ pub struct DecisionLog {
     rows: u64,
     properties: WriterPropertiesPtr,
     widths: Option<Widths>,
-    writer: Option<SerializedFileWriter<File>>,
+    writer: Option<SerializedFileWriter<AtomicFile>>,
     steps: Vec<i64>,
     texts: [Vec<ByteArray>; TEXTS.len()],
     repeated: Repeated,
@@ -145,33 +146,11 @@ pub struct DecisionLog {
 }
 
 impl DecisionLog {
-    /// Will write into `folder`, on from `state`; parts that came later are removed. Creates nothing before the first decision.
-    ///
-    /// # Errors
-    /// A later part cannot be removed, or the present one cannot be read.
-    pub fn resume(folder: PathBuf, state: DecisionState) -> Result<Self> {
-        let mut log = Self::new(folder, state.part);
-        for path in paths(&log.folder)? {
-            let is_later = path > path_of(&log.folder, state.part);
-            let is_aside = path.extension().is_some_and(|extension| extension == ASIDE);
-            let is_empty = state.rows == 0 && path == path_of(&log.folder, state.part);
-            if is_later || is_aside || is_empty {
-                fs::remove_file(&path).with_context(|| format!("{} cannot be removed", path.display()))?;
-            }
-        }
-        if state.rows > 0 {
-            // The part may have more: from a checkpoint that came later and is lost.
-            let path = path_of(&log.folder, state.part);
-            read_part(&path, &mut |row| log.push_row(&row).map(|()| log.rows < state.rows))?;
-            ensure!(log.rows == state.rows, "{} ends before the checkpoint", path.display());
-        }
-        Ok(log)
-    }
-
-    fn new(folder: PathBuf, first_part: u32) -> Self {
+    /// Will write into `folder`. Creates nothing before the first decision.
+    pub fn new(folder: PathBuf) -> Self {
         Self {
             folder,
-            part: first_part,
+            part: 0,
             rows: 0,
             properties: Arc::new(properties()),
             widths: None,
@@ -183,6 +162,36 @@ impl DecisionLog {
             numbers: Vec::new(),
             column: Vec::new(),
         }
+    }
+
+    /// Goes on from `state`. Parts that came later are removed, and so is what a killed program left half written; files of other names stay.
+    ///
+    /// # Errors
+    /// The present part cannot be read, or a later one cannot be removed.
+    pub fn cut_back(&mut self, state: DecisionState) -> Result<()> {
+        self.part = state.part;
+        let found = paths(&self.folder)?;
+        if !found.is_empty() {
+            remove_leftovers(&self.folder)
+                .with_context(|| format!("{} cannot be tidied up", self.folder.display()))?;
+        }
+        if state.rows > 0 {
+            // The part may have more: from a checkpoint that came later and is lost.
+            let path = path_of(&self.folder, state.part);
+            read_part(&path, &mut |row| self.push_row(&row).map(|()| self.rows < state.rows))?;
+            ensure!(self.rows == state.rows, "{} ends before the checkpoint", path.display());
+        }
+        for path in found {
+            let is_outdated = match part_of(&path) {
+                Some(Part::Closed(part)) => part > state.part || (part == state.part && state.rows == 0),
+                Some(Part::Open) => true,
+                None => false,
+            };
+            if is_outdated {
+                fs::remove_file(&path).with_context(|| format!("{} cannot be removed", path.display()))?;
+            }
+        }
+        Ok(())
     }
 
     /// Keeps a decision; writes when enough have come together.
@@ -246,11 +255,8 @@ impl DecisionLog {
     pub fn suspend(&mut self) -> Result<DecisionState> {
         self.write_rows()?;
         if let Some(writer) = self.writer.take() {
-            let path = path_of(&self.folder, self.part);
             let file = writer.into_inner().with_context(|| self.complaint())?;
-            file.sync_all()
-                .and_then(|()| fs::rename(path.with_extension(ASIDE), &path))
-                .with_context(|| self.complaint())?;
+            file.sync().and_then(|()| file.commit()).with_context(|| self.complaint())?;
         }
         Ok(DecisionState { part: self.part, rows: self.rows })
     }
@@ -275,13 +281,13 @@ impl DecisionLog {
         Ok(())
     }
 
-    fn open(&self, widths: Widths) -> Result<SerializedFileWriter<File>> {
+    fn open(&self, widths: Widths) -> Result<SerializedFileWriter<AtomicFile>> {
         fs::create_dir_all(&self.folder)?;
-        let file = File::create(path_of(&self.folder, self.part).with_extension(ASIDE))?;
+        let file = AtomicFile::create(&path_of(&self.folder, self.part))?;
         Ok(SerializedFileWriter::new(file, schema(widths)?, self.properties.clone())?)
     }
 
-    fn write_group(&mut self, writer: &mut SerializedFileWriter<File>, widths: Widths) -> Result<()> {
+    fn write_group(&mut self, writer: &mut SerializedFileWriter<AtomicFile>, widths: Widths) -> Result<()> {
         let mut group = writer.next_row_group()?;
         let mut index = 0;
         while let Some(mut column) = group.next_column()? {
@@ -304,15 +310,65 @@ impl DecisionLog {
     }
 }
 
-/// Everything in the folder, in order.
+/// Everything in the folder, in order; nothing if there is no folder.
 fn paths(folder: &Path) -> Result<Vec<PathBuf>> {
-    let Ok(entries) = fs::read_dir(folder) else { return Ok(Vec::new()) };
+    let entries = match fs::read_dir(folder) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
+        entries => entries.with_context(|| format!("{} cannot be read", folder.display()))?,
+    };
     let mut paths: Vec<PathBuf> =
         entries.map(|entry| entry.map(|entry| entry.path())).collect::<Result<_, _>>()?;
     paths.sort();
     Ok(paths)
 }
 
+/// What a file's name says of a part.
+enum Part {
+    Closed(u32),
+    /// Version 1.0.0 wrote a part under this name until it was closed.
+    Open,
+}
+
+/// `None` for a name that no log gives.
+fn part_of(path: &Path) -> Option<Part> {
+    let (number, extension) =
+        path.file_name().and_then(OsStr::to_str)?.strip_prefix("part-")?.split_once('.')?;
+    let is_number = number.len() >= 6 && number.bytes().all(|byte| byte.is_ascii_digit());
+    match extension {
+        "parquet" if is_number => number.parse().ok().map(Part::Closed),
+        "partial" if is_number => Some(Part::Open),
+        _ => None,
+    }
+}
+
 fn path_of(folder: &Path, part: u32) -> PathBuf {
     folder.join(format!("part-{part:06}.parquet"))
+}
+
+/// Whether the present part reaches as far as a checkpoint says.
+pub(super) fn check(folder: &Path, state: DecisionState) -> Result<(), CheckpointError> {
+    if state.rows == 0 {
+        return Ok(());
+    }
+    let path = path_of(folder, state.part);
+    let torn = |what| CheckpointError::Torn { path: path.clone(), what };
+    let mut rows = 0;
+    let read = read_part(&path, &mut |_| {
+        rows += 1;
+        Ok(rows < state.rows)
+    });
+    match read {
+        Ok(_) if rows < state.rows => Err(torn("it ends before the checkpoint")),
+        Ok(_) => Ok(()),
+        Err(error) => Err(match io_error(&error) {
+            Some(kind) => CheckpointError::io(&path, io::Error::new(kind, format!("{error:#}"))),
+            None => torn("it cannot be understood"),
+        }),
+    }
+}
+
+/// What the system refused, if it did. A file that ends too early is damaged instead.
+fn io_error(error: &anyhow::Error) -> Option<io::ErrorKind> {
+    let kinds = error.chain().filter_map(|cause| cause.downcast_ref::<io::Error>()).map(io::Error::kind);
+    kinds.into_iter().find(|kind| *kind != io::ErrorKind::UnexpectedEof)
 }

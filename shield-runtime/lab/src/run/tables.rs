@@ -1,9 +1,8 @@
 //! The CSV files of a run: a structure per row, which names the columns too.
 
 use std::{
-    collections::BTreeMap,
-    fs::{File, OpenOptions},
-    io::{self, BufWriter, Seek, SeekFrom},
+    fs::File,
+    io::BufWriter,
     path::{Path, PathBuf},
 };
 
@@ -11,6 +10,7 @@ use anyhow::{Context, Result};
 use csv::Writer;
 use serde::Serialize;
 
+use shield_config::growing_file;
 use shield_core::record::EpisodeEnd;
 
 /// A row of one of the files; the fields are the columns.
@@ -111,7 +111,8 @@ impl Table {
     /// A new file with the heading of `R`.
     pub fn create<R: Row>(folder: &Path) -> Result<Self> {
         let path = folder.join(R::FILE);
-        let file = File::create(&path).with_context(|| format!("{} cannot be created", path.display()))?;
+        let file =
+            growing_file::begin(&path).with_context(|| format!("{} cannot be created", path.display()))?;
         let mut table = Self::over(path, R::FILE, file);
         // The heading stands there even if no row follows: it is that of a row which nobody sees.
         let mut heading = Writer::from_writer(Vec::new());
@@ -122,23 +123,27 @@ impl Table {
         Ok(table)
     }
 
-    /// The file of a run that goes on: what was written after its first bytes, as `lengths` has them, is cut off.
-    pub fn reopen<R: Row>(folder: &Path, lengths: &BTreeMap<String, u64>) -> Result<Self> {
+    /// The file of a run that goes on. Nothing changes before [`cut_back`](Self::cut_back).
+    pub fn reopen<R: Row>(folder: &Path) -> Result<Self> {
         let path = folder.join(R::FILE);
-        let Some(length) = lengths.get(R::FILE) else { return Self::create::<R>(folder) };
-        let open = || {
-            let mut file = OpenOptions::new().write(true).open(&path)?;
-            file.set_len(*length)?;
-            file.seek(SeekFrom::End(0))?;
-            io::Result::Ok(file)
-        };
-        let file = open().with_context(|| format!("{} cannot be continued", path.display()))?;
+        let file = growing_file::reopen(&path);
+        let file = file.with_context(|| format!("{} cannot be continued", path.display()))?;
         Ok(Self::over(path, R::FILE, file))
+    }
+
+    /// Cuts off what follows the first `length` bytes.
+    pub fn cut_back(&mut self, length: u64) -> Result<()> {
+        growing_file::cut_back(self.writer.get_ref().get_ref(), length).with_context(|| self.cannot_write())
     }
 
     fn over(path: PathBuf, name: &'static str, file: File) -> Self {
         let writer = csv::WriterBuilder::new().has_headers(false).from_writer(BufWriter::new(file));
         Self { path, name, writer }
+    }
+
+    /// The name of the file.
+    pub fn name(&self) -> &'static str {
+        self.name
     }
 
     /// Appends a row of the type that the table was made for.

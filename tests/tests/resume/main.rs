@@ -1,6 +1,9 @@
 //! A run that was stopped or killed and then continued is the run that was never stopped, byte for byte.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
+#[cfg(unix)]
+mod left_alone;
+
 use std::{
     collections::BTreeMap,
     fs,
@@ -52,7 +55,11 @@ impl Run {
     /// Begins or goes on, until the saboteur says otherwise. Returns the steps that were made before.
     fn go(&self, sabotage: Sabotage) -> u64 {
         let order = self.order();
-        let launch = if self.folder.exists() { order.proceed() } else { order.begin(false) }.unwrap();
+        let launch = match order.standing().unwrap() {
+            Standing::Missing => order.begin(false),
+            _ => order.proceed(),
+        };
+        let launch = launch.unwrap();
         let before = launch.steps_before();
         let stop = AtomicBool::new(false);
         let ran = launch.run(Saboteur { sabotage, stop: &stop }, &stop);
@@ -249,22 +256,6 @@ fn a_damaged_checkpoint_is_skipped_for_the_previous_one() {
 }
 
 #[test]
-fn a_run_without_a_usable_checkpoint_starts_over_and_says_so() {
-    let expected = Run::uninterrupted(&grid());
-    let run = Run::new(&grid(), &[]);
-    run.go(Sabotage::Stop(900));
-    fs::write(run.checkpoint("latest.bin"), "a text").unwrap();
-    fs::remove_file(run.checkpoint("previous.bin")).unwrap();
-    let launch = run.order().proceed().unwrap();
-    assert_eq!(launch.steps_before(), 0);
-    let warnings = launch.warnings().join("\n");
-    assert!(warnings.contains("is not a checkpoint") && warnings.contains("anew"), "{warnings}");
-    drop(launch);
-    run.go(Sabotage::None);
-    same(&expected, &run, "begun anew");
-}
-
-#[test]
 fn a_changed_configuration_is_refused_by_the_name_of_the_field() {
     let run = Run::new(&grid(), &[]);
     run.go(Sabotage::Stop(450));
@@ -286,9 +277,59 @@ fn a_run_that_was_killed_at_once_can_start_again() {
         let run = Run::new(&gridworld(100, ""), &[]);
         fs::create_dir_all(run.folder.path()).unwrap();
         files.iter().for_each(|file| fs::write(run.folder.path().join(file), "Exp").unwrap());
-        assert!(matches!(run.order().standing(), Ok(Standing::Unfinished)));
+        assert!(matches!(run.order().standing(), Ok(Standing::Missing)));
         assert_eq!(run.go(Sabotage::None), 0);
+        for file in files {
+            let path = run.folder.path().join(file);
+            assert_eq!(fs::read_to_string(&path).unwrap(), "Exp", "it is not this launch's to remove");
+            fs::remove_file(path).unwrap();
+        }
         same(&Run::uninterrupted(&gridworld(100, "")), &run, "begun again");
+    }
+}
+
+#[test]
+fn what_a_killed_program_left_is_removed_and_what_a_user_put_there_stays() {
+    let expected = Run::uninterrupted(&grid());
+    let run = Run::new(&grid(), &[]);
+    run.go(Sabotage::Crash(1_111));
+    let at = |name: &str| run.folder.path().join(name);
+    let folders = ["", "checkpoint", "decisions"];
+    let left = folders.map(|folder| at(folder).join(".shield-0aZ3xY7bQ9kL.partial"));
+    let as_before = [at("decisions/part-000007.partial"), at("decisions/part-000009.parquet")];
+    let kept = folders.map(|folder| {
+        ["keep.partial", "zebra.rows", ".shield-mine.partial"].map(|name| at(folder).join(name))
+    });
+    for file in left.iter().chain(&as_before).chain(kept.as_flattened()) {
+        fs::write(file, "something").unwrap();
+    }
+    run.go(Sabotage::None);
+    for file in left.iter().chain(&as_before) {
+        assert!(!file.exists(), "{} was left", file.display());
+    }
+    for file in kept.as_flattened() {
+        assert_eq!(fs::read(file).unwrap(), b"something", "{}", file.display());
+        fs::remove_file(file).unwrap();
+    }
+    same(&expected, &run, "tidied up");
+}
+
+#[cfg(unix)]
+#[test]
+fn a_run_does_not_go_on_in_a_file_that_a_link_leads_to() {
+    for name in ["metrics.csv", "timings.csv", "tensorboard/events.out.tfevents.0.shield"] {
+        let run = Run::new(&grid(), &[]);
+        run.go(Sabotage::Crash(1_111));
+        let (path, elsewhere) = (run.folder.path().join(name), run.folder.path().join("elsewhere"));
+        fs::rename(&path, &elsewhere).unwrap();
+        let before = fs::read(&elsewhere).unwrap();
+        std::os::unix::fs::symlink(&elsewhere, &path).unwrap();
+        let error = format!("{:#}", run.order().proceed().err().unwrap());
+        assert!(error.contains(name) && error.contains("it is a symbolic link"), "{error}");
+        assert!(fs::read(&elsewhere).unwrap() == before, "{name}: the file elsewhere was changed");
+        // With the file back in its place the run goes on.
+        fs::rename(&elsewhere, &path).unwrap();
+        assert_eq!(run.go(Sabotage::None), 800);
     }
 }
 
