@@ -212,9 +212,9 @@ fn remembering(capacity: usize) -> (DropIn, Seen) {
     let agent = Scripted::acting(|_, _| 0.0);
     let seen = agent.seen.clone();
     let experience = Experience::new(capacity, &spaces(), [0, 1], 1.0).unwrap();
-    let learning = Learning::new(experience, 1, Pcg64::seed_from_u64(0));
-    // A batch in which each of a few dozen transitions is drawn.
-    let shield = builder(agent).learning(1_000, 0).build().unwrap();
+    // So many draws of one transition that each of a few dozen is among them.
+    let learning = Learning::new(experience, 1_000, Pcg64::seed_from_u64(0));
+    let shield = builder(agent).learning(1, 0).build().unwrap();
     (DropIn::new(shield, None).learning(learning), seen)
 }
 
