@@ -118,13 +118,16 @@ float shield_reset_value(const Shield *shield);
 // `shield` is from `shield_open`.
 const char *shield_reason(const Shield *shield);
 
-// Writes everything that was learned and counted into a file.
+// Writes everything that was learned and counted into a file, in one step: a failure leaves the old file as it was. Only a regular file is replaced;
+// a folder, a device, a pipe or a symbolic link of that name is an error.
 //
 // # Safety
 // `shield` is from `shield_open`, `file` a text that ends with 0.
-int32_t shield_save(Shield *shield, const char *file);
+int32_t shield_save(Shield *shield,
+                    const char *file);
 
-// Goes on from a file of a shield with the same spaces, reset agent, rules and reset task; a hard reset is needed then, also after a failure.
+// Goes on from a file of a shield with the same spaces, reset agent, rules and reset task; a hard reset is needed then, also after a failure. The
+// capacity of the experience may differ: of more transitions than there is room for, the newest stay.
 //
 // # Safety
 // As for `shield_save`.

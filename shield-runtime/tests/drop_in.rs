@@ -206,8 +206,8 @@ fn remembering(capacity: usize) -> (DropIn, Seen) {
     let agent = Scripted::acting(|_, _| 0.0);
     let seen = agent.seen.clone();
     let experience = Experience::new(capacity, &spaces(), [0, 1], 1.0).unwrap();
-    // A batch in which each of a few dozen transitions is drawn.
-    let learning = Learning::new(experience, 1_000, 0);
+    // So many draws of one transition that each of a few dozen is among them.
+    let learning = Learning { updates_per_step: 1_000, ..Learning::new(experience, 1, 0) };
     (builder(agent).learning(learning).build().unwrap(), seen)
 }
 
@@ -249,7 +249,7 @@ fn the_experience_is_loaded_into_more_and_into_less_room() {
             let expected: Vec<u32> = (oldest..stored + 1).collect();
             assert_eq!(learned(&seen), expected, "{stored} transitions, room for {room}");
             // From here on it forgets as ever, and what it saves comes back.
-            loaded.save(&file.with_extension(capacity.to_string())).unwrap();
+            drop_in_files::save(&mut loaded, &file.with_extension(capacity.to_string())).unwrap();
             remember(&mut loaded, stored + 1..stored + 1 + 2 * room);
             learned(&seen);
             remember(&mut loaded, stored + 1 + 2 * room..stored + 2 + 2 * room);
@@ -258,7 +258,7 @@ fn the_experience_is_loaded_into_more_and_into_less_room() {
         }
     }
     let (mut back, seen) = remembering(20);
-    back.load(&file.with_extension("30")).unwrap();
+    drop_in_files::load(&mut back, &file.with_extension("30")).unwrap();
     back.hard_reset_done(&[1.0]).unwrap();
     remember(&mut back, 46..47);
     assert_eq!(learned(&seen), (27..47).collect::<Vec<u32>>());
@@ -285,7 +285,7 @@ fn shields_that_save_at_the_same_time_each_keep_their_own_state() {
     for _ in 0..50 {
         thread::scope(|scope| {
             for (shield, file) in shields.iter_mut().zip(&files) {
-                scope.spawn(|| drop_in_files::save(&mut shield, file).unwrap());
+                scope.spawn(|| drop_in_files::save(shield, file).unwrap());
             }
         });
         for (steps, file) in [3.0, 8.0].into_iter().zip(&files) {
@@ -302,7 +302,7 @@ fn a_save_replaces_its_own_file_and_no_other() {
     let folder = tempfile::tempdir().unwrap();
     let at = |name: &str| folder.path().join(name);
     fs::write(at("keep.partial"), "a user's file").unwrap();
-    let mut drop_in = DropIn::new(builder(Scripted::acting(|_, _| -1.0)).build().unwrap(), None);
+    let mut drop_in = builder(Scripted::acting(|_, _| -1.0)).build().unwrap();
     for _ in 0..2 {
         drop_in_files::save(&mut drop_in, &at("keep.sav")).unwrap();
         assert_eq!(names(folder.path()), ["keep.partial", "keep.sav"]);
