@@ -11,8 +11,7 @@ use std::process::Command;
 
 use anyhow::{Context, Result, bail};
 
-use crate::{cargo, native, python};
-use crate::{cargo, python, stages};
+use crate::{cargo, native, python, stages};
 
 /// What `tch` binds; the two change together.
 const TORCH: &str = "torch==2.13.0";
