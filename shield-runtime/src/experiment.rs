@@ -30,6 +30,7 @@ pub use difference::{Difference, differences, first_difference};
 pub use drop_in::DropInFile;
 pub use error::{InputError, Location};
 pub use overrides::Override;
+pub(crate) use validate::check_folder_name;
 pub(crate) use variant::Source;
 pub use variant::Variant;
 

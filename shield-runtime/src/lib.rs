@@ -4,6 +4,7 @@ pub mod agent;
 mod allocations_ffi;
 pub mod batch;
 pub mod checkpoint;
+mod contained;
 pub mod decision;
 pub mod drop_in;
 pub mod environment_check;

@@ -1,5 +1,4 @@
 //! The command `shield`.
-#![allow(clippy::print_stdout, clippy::print_stderr, reason = "this is the command line")]
 
 mod cli;
 

@@ -25,7 +25,7 @@ use shield_runtime::{
     run::{Prepared, prepare},
 };
 
-use super::{Failure, eval::one_run, progress::Progress};
+use super::{Failure, eval::one_run, output, progress::Progress};
 use encode::Encoder;
 
 /// Arguments of `shield render`.
@@ -107,7 +107,7 @@ pub fn render(arguments: &RenderArguments, registry: &Registry) -> Result<(), Fa
     let q_min = threshold(registry, &variant.experiment);
     film(arguments, &variant, prepared, q_min, encoder, seed)
         .map_err(|error| Failure::Run(format!("{error:#}")))?;
-    println!("{}", arguments.out.display());
+    output::note(arguments.out.display());
     Ok(())
 }
 
