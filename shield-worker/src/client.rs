@@ -37,11 +37,13 @@ impl Client {
         let malformed = || io::Error::other(format!("{CHANNEL_VARIABLE} is {text:?}, not three numbers"));
         let numbers: Vec<RawFd> = text.split(',').filter_map(|number| number.parse().ok()).collect();
         let [memory, bell, length] = numbers[..] else { return Err(malformed()) };
-        let memory = Memory::open(&ffi::inherited(memory)?)?;
+        let named = |error: io::Error| io::Error::other(format!("{CHANNEL_VARIABLE} is {text:?}: {error}"));
+        let memory = ffi::inherited(memory).and_then(|file| Memory::open(&file)).map_err(named)?;
         if usize::try_from(length) != Ok(memory.block_len()) {
-            return Err(malformed());
+            let message = format!("the shared block has {} bytes", memory.block_len());
+            return Err(named(io::Error::other(message)));
         }
-        let bell = Bell::new(UnixStream::from(ffi::inherited(bell)?));
+        let bell = Bell::new(UnixStream::from(ffi::inherited(bell).map_err(named)?));
         Ok(Self { memory, bell, patience: Patience::new(), seen: 0 })
     }
 

@@ -88,6 +88,10 @@ pub(crate) fn inherit(command: &mut Command, descriptors: [RawFd; 2], parent: Pi
 
 /// A descriptor that the parent left open for this process.
 pub(crate) fn inherited(descriptor: RawFd) -> io::Result<OwnedFd> {
+    // The type of a descriptor has no room for -1.
+    if descriptor < 0 {
+        return Err(Errno::BADF.into());
+    }
     // SAFETY: it is only asked whether it is open.
     fcntl_setfd(unsafe { BorrowedFd::borrow_raw(descriptor) }, FdFlags::CLOEXEC)?;
     // SAFETY: it is open, and nothing else in this process knows it: the parent opened it for this one use.

@@ -34,6 +34,9 @@ fn a_process_without_a_behaviour_does_nothing() {
     if behaviour == "parent" {
         return have_a_child_and_die();
     }
+    if behaviour == "stray" {
+        return println!("\nrefused: {}", Client::from_environment().unwrap_err());
+    }
     let mut client = Client::from_environment().unwrap();
     while client.wait().unwrap() {
         let value: u64 = client.memory().get(0);
@@ -175,6 +178,23 @@ fn a_process_without_a_channel_is_refused_as_a_worker() {
     assert!(env::var(CHANNEL_VARIABLE).is_err());
     let error = Client::from_environment().unwrap_err().to_string();
     assert!(error.contains(CHANNEL_VARIABLE), "{error}");
+}
+
+#[test]
+fn a_channel_that_is_not_open_is_refused() {
+    for (channel, reason) in [
+        ("-1,-1,1048832", "Bad file descriptor"),
+        ("0,-1,4096", "\"0,-1,4096\": "),
+        ("12345,12346,4096", "Bad file descriptor"),
+        ("3,4", "not three numbers"),
+        ("3,4,99999999999999999999", "not three numbers"),
+    ] {
+        let mut command = this_test("stray");
+        let output = command.env(CHANNEL_VARIABLE, channel).output().unwrap();
+        let told = String::from_utf8_lossy(&output.stdout).into_owned();
+        let refusal = told.lines().find_map(|line| line.strip_prefix("refused: "));
+        assert!(refusal.is_some_and(|text| text.contains(reason)), "{channel}: {told}");
+    }
 }
 
 /// The example of the README, filled in: adds one to the number in the payload.

@@ -15,6 +15,7 @@ use cargo_metadata::{Message, Metadata, MetadataCommand, TargetKind};
 use flate2::{Compression, write::GzEncoder};
 
 use crate::cargo;
+use crate::say::say;
 
 /// What `shield` does not load, and so is no part of the archive.
 pub const LEFT_OUT: [&str; 3] = ["xtask", "shield-tests", "shield-python"];
@@ -42,7 +43,7 @@ pub fn make(root: &Path, mujoco: &Path, optimised: bool) -> Result<PathBuf> {
     let glibc = contents.fill(&folder)?;
     pack(&folder, &name, &packed).with_context(|| format!("{} could not be written", packed.display()))?;
     let size = fs::metadata(&packed).map_or(0, |data| data.len()) / 1_000_000;
-    println!("packed {name} ({size} MB, for glibc {glibc} or newer); trying it from another folder");
+    say(format_args!("packed {name} ({size} MB, for glibc {glibc} or newer); trying it from another folder"));
     trial::try_elsewhere(root, &packed, &name, optimised)
         .with_context(|| format!("{name} does not work elsewhere"))?;
     // Only what works is left behind.

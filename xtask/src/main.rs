@@ -1,5 +1,4 @@
 //! Set-up and chores, as `cargo xtask …`; `cargo shield …` is short for `cargo xtask shield …`.
-#![allow(clippy::print_stdout, reason = "a command line")]
 
 mod cargo;
 mod dist;
@@ -7,6 +6,7 @@ mod native;
 mod peers;
 mod python;
 mod reproduce;
+mod say;
 mod stages;
 mod torch;
 mod wheel;
@@ -17,6 +17,7 @@ use std::process::{Command, ExitCode};
 
 use anyhow::Context;
 use clap::{Args, Parser, Subcommand};
+use say::say;
 
 /// Set-up and chores of the shield.
 ///
@@ -141,22 +142,17 @@ fn main() -> ExitCode {
     match run(CommandLine::parse().chore) {
         Ok(code) => code,
         Err(error) => {
-            eprintln_error(&error);
+            say::complain(format_args!("error: {error:#}"));
             ExitCode::FAILURE
         }
     }
-}
-
-#[allow(clippy::print_stderr, reason = "a command line")]
-fn eprintln_error(error: &anyhow::Error) {
-    eprintln!("error: {error:#}");
 }
 
 fn run(chore: Chore) -> anyhow::Result<ExitCode> {
     let root = cargo::workspace_root();
     let mujoco = native::mujoco(root).context("MuJoCo could not be set up")?;
     match chore {
-        Chore::Setup => println!("MuJoCo is in {}", mujoco.display()),
+        Chore::Setup => say(format_args!("MuJoCo is in {}", mujoco.display())),
         Chore::Build(Build { debug, .. }) => build(root, !debug)?,
         Chore::Dist(Build { debug, .. }) => make_archive(root, &mujoco, !debug)?,
         Chore::Shield { arguments } => {
@@ -202,7 +198,7 @@ fn build(root: &Path, optimised: bool) -> anyhow::Result<()> {
 
 fn make_archive(root: &Path, mujoco: &Path, optimised: bool) -> anyhow::Result<()> {
     let archive = dist::make(root, mujoco, optimised).context("the archive")?;
-    println!("{} works elsewhere", archive.display());
+    say(format_args!("{} works elsewhere", archive.display()));
     Ok(())
 }
 

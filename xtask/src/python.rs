@@ -6,6 +6,8 @@ use std::process::Command;
 
 use anyhow::{Context, Result, bail};
 
+use crate::say::say;
+
 /// Where the environments lie, one folder each.
 const FOLDER: &str = "native/python";
 /// A copy of the requirements that were installed; written last, so that an interrupted set-up is begun anew.
@@ -24,7 +26,7 @@ pub fn environment(workspace_root: &Path, name: &str, requirements: &Path) -> Re
     if program.exists() && fs::read(&stamp).is_ok_and(|installed| installed == wanted) {
         return Ok(program);
     }
-    println!("installing the Python packages of {}, once", requirements.display());
+    say(format_args!("installing the Python packages of {}, once", requirements.display()));
     run(Command::new("python3").args(["-m", "venv", "--clear"]).arg(&folder))?;
     let mut pip = Command::new(&program);
     pip.args(["-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--requirement"]);

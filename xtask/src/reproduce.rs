@@ -12,6 +12,7 @@ use std::process::{Command, ExitCode};
 use anyhow::{Context, Result, bail};
 
 use crate::cargo;
+use crate::say::say;
 use experiments::{EXPERIMENTS, Experiment};
 use record::Record;
 
@@ -65,7 +66,7 @@ pub fn reproduce(root: &Path, program: &Path, arguments: &Arguments) -> Result<E
     let path = root.join(PAPER).join("RESULTS.md");
     fs::write(&path, results::page(root, &records)?)
         .with_context(|| format!("{} cannot be written", path.display()))?;
-    println!("{PAPER}/RESULTS.md");
+    say(format_args!("{PAPER}/RESULTS.md"));
     Ok(code)
 }
 
@@ -96,7 +97,7 @@ impl Place<'_> {
     fn run(&self, seeds: Option<&str>) -> Result<bool> {
         let mut command = self.shield();
         let file = format!("{PAPER}/{}.ron", self.experiment.name);
-        println!("{file}");
+        say(&file);
         command.args(["run", &file, "--out", RUNS, "--record"]).arg(self.record());
         if let Some(seeds) = seeds {
             command.args(["--seeds", seeds]);

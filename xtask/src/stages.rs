@@ -9,6 +9,7 @@ use anyhow::{Context, bail};
 use clap::ValueEnum;
 
 use crate::cargo;
+use crate::say::say;
 
 /// A stage by its name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -58,17 +59,17 @@ pub fn run(root: &Path, names: &[Name]) -> anyhow::Result<ExitCode> {
     for name in names {
         outcomes.push((*name, run_stage(root, *name)?));
     }
-    println!("\n{:<8} {:>10} {:>8} {:>8}  result", "stage", "seconds", "passed", "failed");
+    say(format_args!("\n{:<8} {:>10} {:>8} {:>8}  result", "stage", "seconds", "passed", "failed"));
     let mut total = Tally::default();
     for (name, Outcome { tests, succeeded, duration }) in &outcomes {
         let result = if *succeeded { "ok" } else { "FAILED" };
         let (name, seconds) = (format!("{name:?}").to_lowercase(), duration.as_secs_f64());
-        println!("{name:<8} {seconds:>10.1} {:>8} {:>8}  {result}", tests.passed, tests.failed);
+        say(format_args!("{name:<8} {seconds:>10.1} {:>8} {:>8}  {result}", tests.passed, tests.failed));
         total.passed += tests.passed;
         // A stage that does not compile has no failed test and fails all the same.
         total.failed += if *succeeded { 0 } else { tests.failed.max(1) };
     }
-    println!("\n{} passed, {} failed", total.passed, total.failed);
+    say(format_args!("\n{} passed, {} failed", total.passed, total.failed));
     Ok(if total.failed == 0 { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
@@ -117,13 +118,13 @@ fn run_call(root: &Path, arguments: &[&str], tests: &mut Tally) -> anyhow::Resul
 /// Runs Cargo, shows what it prints, and counts the tests in it.
 fn run_counted(command: &mut Command, tests: &mut Tally) -> anyhow::Result<bool> {
     command.stdin(Stdio::null()).stdout(Stdio::piped());
-    println!("$ {}", cargo::describe(command));
+    say(format_args!("$ {}", cargo::describe(command)));
     let mut child = command.spawn().context("cargo could not be started")?;
     let output = child.stdout.take().context("the output of cargo was asked for")?;
     for line in BufReader::new(output).split(b'\n') {
         let line = line.context("the output of cargo could not be read")?;
         let line = String::from_utf8_lossy(&line);
-        println!("{line}");
+        say(&line);
         if let Some(Tally { passed, failed }) = count(&line) {
             tests.passed += passed;
             tests.failed += failed;

@@ -11,7 +11,7 @@ use std::process::Command;
 
 use anyhow::{Context, Result, bail};
 
-use crate::{cargo, native, python, stages};
+use crate::{cargo, native, python, say::say, stages};
 
 /// What `tch` binds; the two change together.
 const TORCH: &str = "torch==2.13.0";
@@ -39,7 +39,7 @@ pub fn libtorch(root: &Path) -> Result<PathBuf> {
     }
     let folder = root.join("native/torch");
     if !folder.join(LIBRARY).exists() {
-        println!("bringing libtorch, once");
+        say("bringing libtorch, once");
         arrange(&wheels(root)?, &folder)?;
     }
     Ok(folder)

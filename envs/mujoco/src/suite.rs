@@ -285,10 +285,21 @@ fn impossible_configurations_are_refused<T: Task>() {
         "(start_noise: -0.1)",
         "(start_noise: inf)",
         "(start_noise: NaN)",
+        "(start_noise: 101.0)",
+        "(start_noise: 1e308)",
         "(nose: 1)",
     ] {
         let error = try_make::<T>(config).err().unwrap();
         assert_eq!(error.kind(), ErrorKind::InvalidConfig, "{config}");
+    }
+}
+
+fn the_largest_start_noise_gives_finite_observations<T: Task>() {
+    let mut robot = make::<T>("(start_noise: 100.0)");
+    let mut observation = vec![f32::NAN; robot.spec().spaces.observation_len()];
+    for seed in 0..20 {
+        robot.reset(seed, &mut observation).unwrap();
+        assert!(observation.iter().all(|value| value.is_finite()), "{observation:?}");
     }
 }
 
@@ -312,7 +323,8 @@ macro_rules! suite {
                 a_hard_reset_lies_in_the_reset_set,
                 named_starts_exist_and_unknown_ones_are_refused,
                 each_common_field_of_the_configuration_takes_effect,
-                impossible_configurations_are_refused);
+                impossible_configurations_are_refused,
+                the_largest_start_noise_gives_finite_observations);
             $(suite!(@$paper $task);)?
         }
     )+};

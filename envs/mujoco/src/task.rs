@@ -195,15 +195,18 @@ const fn fnv1a(bytes: &[u8]) -> u64 {
     hash
 }
 
-/// Refuses a size of start noise that is negative or not finite.
+/// The largest start noise, in metres and radians: far beyond every model, and far below what MuJoCo calls diverged.
+const MOST_START_NOISE: f64 = 100.0;
+
+/// Refuses a size of start noise that is negative or beyond every model.
 ///
 /// # Errors
 /// [`ErrorKind::InvalidConfig`](shield_api::ErrorKind::InvalidConfig), naming the value.
 pub fn check_start_noise(noise: f64) -> Result<()> {
-    let is_valid = noise.is_finite() && noise >= 0.0;
+    let is_valid = (0.0..=MOST_START_NOISE).contains(&noise);
     if is_valid {
         Ok(())
     } else {
-        Err(Error::invalid_config(format!("start_noise is {noise}; it must be finite and not negative")))
+        Err(Error::invalid_config(format!("start_noise is {noise}; it must be from 0 to {MOST_START_NOISE}")))
     }
 }

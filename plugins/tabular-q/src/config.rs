@@ -24,6 +24,9 @@ shield_api::config! {
     }
 }
 
+/// Values begin within plus and minus this.
+const MOST_INITIAL: f32 = 1e30;
+
 impl TabularQConfig {
     /// Refuses values that cannot be.
     pub(crate) fn validate(&self) -> Result<()> {
@@ -33,9 +36,12 @@ impl TabularQConfig {
         unit("discount", self.discount)?;
         unit("epsilon", self.epsilon)?;
         unit("final_epsilon", self.final_epsilon)?;
-        check(self.initial_low.is_finite(), "initial_low", self.initial_low, "finite")?;
-        let is_above = self.initial_high >= self.initial_low && self.initial_high.is_finite();
-        check(is_above, "initial_high", self.initial_high, "finite and not below initial_low")
+        // The range between the two must be a number, too.
+        let allowed = -MOST_INITIAL..=MOST_INITIAL;
+        let is_low = allowed.contains(&self.initial_low);
+        check(is_low, "initial_low", self.initial_low, "from -1e30 to 1e30")?;
+        let is_above = self.initial_high >= self.initial_low && allowed.contains(&self.initial_high);
+        check(is_above, "initial_high", self.initial_high, "not below initial_low, and at most 1e30")
     }
 
     /// ε after the given number of exploring actions.

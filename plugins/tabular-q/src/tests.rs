@@ -142,6 +142,7 @@ fn impossible_settings_and_spaces_are_refused() {
         "initial_low: 2.0",
         "initial_high: inf",
         "initial_low: -inf",
+        "initial_low: -3e38, initial_high: 3e38",
     ] {
         let config = TabularQConfig::parse(&format!("({setting})")).unwrap();
         let error = TabularQ::create(config, &setup(0, discrete(), discrete())).unwrap_err();

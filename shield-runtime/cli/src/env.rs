@@ -10,7 +10,7 @@ use shield_api::{Environment, Setup};
 use shield_check::environment_check::{CHECKS, Subject, Verdict, random_action};
 use shield_host::plugin::{Kind, LoadedEnvironment, Registry, Selection, host};
 
-use super::{Failure, plugin};
+use super::{Failure, output, plugin};
 
 #[derive(Subcommand)]
 pub enum EnvCommand {
@@ -54,10 +54,9 @@ pub struct BenchArguments {
 pub fn run(command: &EnvCommand, registry: &Registry) -> Result<(), Failure> {
     match command {
         EnvCommand::List => plugin::list(registry, Some(Kind::Environment)),
-        EnvCommand::Check(named) => return check(named, registry),
-        EnvCommand::Bench(arguments) => return bench(arguments, registry),
+        EnvCommand::Check(named) => check(named, registry),
+        EnvCommand::Bench(arguments) => bench(arguments, registry),
     }
-    Ok(())
 }
 
 fn make(named: &Named, registry: &Registry) -> Result<LoadedEnvironment, Failure> {
@@ -95,7 +94,7 @@ fn check(named: &Named, registry: &Registry) -> Result<(), Failure> {
         };
         table.add_row([verdict, check.name, check.rule, &reason]);
     }
-    println!("{table}");
+    output::result(table)?;
     if failed.is_empty() {
         return Ok(());
     }
@@ -116,13 +115,12 @@ fn bench(arguments: &BenchArguments, registry: &Registry) -> Result<(), Failure>
         best = best.min(time.map_err(|error| Failure::Run(error.to_string()))?);
     }
     let seconds = best.as_secs_f64();
-    println!(
+    output::result(format_args!(
         "{}: {:.0} steps/s, {:.2} µs a step",
         arguments.named.id,
         f64::from(arguments.steps) / seconds,
         1e6 * seconds / f64::from(arguments.steps)
-    );
-    Ok(())
+    ))
 }
 
 /// The time of so many steps, hard resets at the end of episodes included. Every round does the same.

@@ -10,7 +10,7 @@ use shield_core::agent::Agent;
 use shield_host::plugin::Registry;
 use shield_lab::run::{Restored, RunFolder, restore};
 
-use super::Failure;
+use super::{Failure, output};
 
 /// Arguments of `shield eval`.
 #[derive(Args)]
@@ -75,15 +75,14 @@ pub fn run(arguments: &EvalArguments, registry: &Registry) -> Result<(), Failure
         return Err(Failure::Input(format!("no run can be evaluated so:\n  {}", left_out.join("\n  "))));
     }
     for reason in left_out {
-        eprintln!("warning: left out: {reason}");
+        output::message(format_args!("warning: left out: {reason}"));
     }
     if arguments.json {
         let text = serde_json::to_string_pretty(&evaluated);
-        println!("{}", text.map_err(|error| Failure::Run(error.to_string()))?);
+        output::result(text.map_err(|error| Failure::Run(error.to_string()))?)
     } else {
-        println!("{}", table(&evaluated));
+        output::result(table(&evaluated))
     }
-    Ok(())
 }
 
 /// The runs in a folder; at least one.

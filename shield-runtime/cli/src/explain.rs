@@ -7,7 +7,7 @@ use clap::Args;
 use serde::Deserialize;
 use shield_lab::run::{DecisionRow, read_decisions};
 
-use super::{Failure, eval::one_run};
+use super::{Failure, eval::one_run, output};
 
 /// Arguments of `shield explain`.
 #[derive(Args)]
@@ -42,14 +42,11 @@ pub fn explain(arguments: &ExplainArguments) -> Result<(), Failure> {
     one_run(&arguments.run)?;
     let rejections = read(arguments).map_err(input)?;
     if rejections.is_empty() {
-        println!("No action was rejected.");
-        return Ok(());
+        return output::result("No action was rejected.");
     }
     let Some(step) = arguments.step else {
-        count(&rejections);
         let last = &rejections[rejections.len() - 1];
-        print(arguments, last).map_err(input)?;
-        return Ok(());
+        return output::result(counted(&rejections) + &explained(arguments, last));
     };
     let chosen: Vec<_> = rejections.iter().filter(|rejection| rejection.step == step).collect();
     if chosen.is_empty() {
@@ -59,10 +56,8 @@ pub fn explain(arguments: &ExplainArguments) -> Result<(), Failure> {
             "no action was rejected at step {step}; the nearest rejection is at step {near}: --step {near}"
         )));
     }
-    for rejection in chosen {
-        print(arguments, rejection).map_err(input)?;
-    }
-    Ok(())
+    let texts: Vec<String> = chosen.into_iter().map(|rejection| explained(arguments, rejection)).collect();
+    output::result(texts.join("\n"))
 }
 
 fn read(arguments: &ExplainArguments) -> Result<Vec<Rejection>> {
@@ -73,46 +68,53 @@ fn read(arguments: &ExplainArguments) -> Result<Vec<Rejection>> {
     rows.with_context(|| format!("{} is damaged", path.display()))
 }
 
-fn count(rejections: &[Rejection]) {
+/// How often each rule rejected what, with a line break at the end.
+fn counted(rejections: &[Rejection]) -> String {
     let mut counts: BTreeMap<(&str, &str, &str, &str), u64> = BTreeMap::new();
     for rejection in rejections {
         let Rejection { phase, verdict, cause, rule, .. } = rejection;
         *counts.entry((phase, verdict, cause, rule)).or_default() += 1;
     }
-    println!("{} actions were rejected:", rejections.len());
+    let mut text = format!("{} actions were rejected:\n", rejections.len());
     for ((phase, verdict, cause, rule), count) in counts {
         let by = if rule.is_empty() { String::new() } else { format!(" by {rule}") };
-        println!("  {count:>8}  {phase}, {verdict}: {cause}{by}");
+        text += &format!("  {count:>8}  {phase}, {verdict}: {cause}{by}\n");
     }
-    println!("The last of them:\n");
+    text + "The last of them:\n\n"
 }
 
-fn print(arguments: &ExplainArguments, rejection: &Rejection) -> Result<()> {
+fn explained(arguments: &ExplainArguments, rejection: &Rejection) -> String {
     let Rejection { step, phase, verdict, cause, rule, score, reason, .. } = rejection;
-    println!("step {step}, {phase} agent: {verdict} ({cause})");
-    println!("  why        {reason}");
+    let mut lines =
+        vec![format!("step {step}, {phase} agent: {verdict} ({cause})"), format!("  why        {reason}")];
     if !rule.is_empty() {
         let compared =
             score.parse().map_or(String::new(), |score| format!(", which compared {}", short(score)));
-        println!("  rule       {rule}{compared}");
+        lines.push(format!("  rule       {rule}{compared}"));
     }
-    println!("  proposed   {}", rejection.proposed);
-    match verdict.as_str() {
-        "abort" => println!("  executed   nothing: the reset agent took over"),
-        _ => println!("  executed   {}", rejection.executed),
-    }
-    projection(rejection);
+    lines.push(format!("  proposed   {}", rejection.proposed));
+    lines.push(match verdict.as_str() {
+        "abort" => "  executed   nothing: the reset agent took over".into(),
+        _ => format!("  executed   {}", rejection.executed),
+    });
+    lines.push(format!("  projection {}", tried(rejection)));
     match find(arguments, rejection) {
-        Ok(Some(row)) => members(&row),
-        Ok(None) => println!("  members    this decision was not recorded (`record: (decisions: …)`)"),
-        Err(_) => println!("  members    no decisions were recorded (`record: (decisions: …)`)"),
+        Ok(Some(row)) => lines.extend(members(&row)),
+        Ok(None) => {
+            lines.push("  members    this decision was not recorded (`record: (decisions: …)`)".into())
+        }
+        Err(error) if arguments.run.join("decisions").is_dir() => {
+            lines.push(format!("  members    {error:#}"));
+        }
+        Err(_) => lines.push("  members    no decisions were recorded (`record: (decisions: …)`)".into()),
     }
-    Ok(())
+    lines.join("\n")
 }
 
-fn projection(rejection: &Rejection) {
+/// What projection tried.
+fn tried(rejection: &Rejection) -> String {
     let Rejection { verdict, cause, solver_status, iterations, distance, executed, .. } = rejection;
-    let tried = match (verdict.as_str(), solver_status.as_str(), cause.as_str()) {
+    match (verdict.as_str(), solver_status.as_str(), cause.as_str()) {
         ("project", "", _) => format!("another action was allowed as it is: {executed}"),
         ("project", _, _) => {
             let times = if iterations == "1" { "once" } else { &format!("{iterations} times") };
@@ -123,8 +125,7 @@ fn projection(rejection: &Rejection) {
         (_, "", "not_linearisable") => "a rule has no rows".to_owned(),
         (_, "", _) => "nothing was tried".to_owned(),
         (_, status, _) => format!("the solver: {status}"),
-    };
-    println!("  projection {tried}");
+    }
 }
 
 /// The recorded decision of a rejection.
@@ -141,18 +142,16 @@ fn find(arguments: &ExplainArguments, rejection: &Rejection) -> Result<Option<De
     Ok(found)
 }
 
-fn members(row: &DecisionRow) {
+fn members(row: &DecisionRow) -> impl Iterator<Item = String> {
     let figures = |numbers: &[f32]| numbers.iter().copied().map(short).collect::<Vec<_>>().join(" ");
-    for (name, values) in [
+    let kinds = [
         ("members", &row.values),
         ("greedy", &row.greedy_values),
         ("forward", &row.forward_values),
         ("scores", &row.scores),
-    ] {
-        if !values.is_empty() {
-            println!("  {name:<10} {}", figures(values));
-        }
-    }
+    ];
+    let known = kinds.into_iter().filter(|(_, values)| !values.is_empty());
+    known.map(move |(name, values)| format!("  {name:<10} {}", figures(values)))
 }
 
 /// Six decimals at most, or scientific where these would hide it.

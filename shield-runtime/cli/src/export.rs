@@ -8,7 +8,7 @@ use shield_api::{ErrorKind, Learner};
 use shield_host::plugin::Registry;
 use shield_lab::run::{restore, write_in_folder};
 
-use super::{Failure, eval::one_run};
+use super::{Failure, eval::one_run, output};
 
 /// Arguments of `shield export`.
 #[derive(Args)]
@@ -55,11 +55,11 @@ fn write(name: &str, learner: &dyn Learner, out: &Path) -> Result<u32> {
             Ok(()) => {
                 let path = out.join(format!("{name}.{extension}"));
                 write_in_folder(&path, &bytes)?;
-                println!("{}", path.display());
+                output::note(path.display());
                 count += 1;
             }
             Err(error) if error.kind() == ErrorKind::Unsupported => {
-                eprintln!("no {name}.{extension}: {error}")
+                output::message(format_args!("no {name}.{extension}: {error}"));
             }
             Err(error) => return Err(error.into()),
         }

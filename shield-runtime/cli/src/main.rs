@@ -1,10 +1,10 @@
 //! The command `shield`: arguments in, exit code out.
-#![allow(clippy::print_stdout, clippy::print_stderr, reason = "this is the command line")]
 
 mod env;
 mod eval;
 mod explain;
 mod export;
+mod output;
 mod plugin;
 mod progress;
 mod render;
@@ -15,10 +15,7 @@ mod session;
 mod table;
 mod what_if;
 
-use std::{
-    fmt, panic,
-    process::{self, ExitCode},
-};
+use std::{fmt, process::ExitCode};
 
 use clap::{Parser, Subcommand};
 use shield_config::experiment::InputError;
@@ -126,22 +123,9 @@ impl From<&Failure> for ExitCode {
     }
 }
 
-/// Whoever reads the output, such as `head`, may have seen enough: `println!` panics then, but it is no fault.
-fn end_quietly_when_nobody_reads() {
-    let previous = panic::take_hook();
-    panic::set_hook(Box::new(move |info| {
-        let message = info.payload_as_str().unwrap_or_default();
-        if message.starts_with("failed printing to stdout: Broken pipe") {
-            process::exit(0);
-        }
-        previous(info);
-    }));
-}
-
 /// Reads the arguments and does what they say.
 fn main() -> ExitCode {
     let arguments = Arguments::parse();
-    end_quietly_when_nobody_reads();
     if matches!(arguments.command, Command::Worker) {
         return worker();
     }
@@ -163,7 +147,7 @@ fn main() -> ExitCode {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             let prefix = if matches!(failure, Failure::Interrupted(_)) { "" } else { "error: " };
-            eprintln!("{prefix}{failure}");
+            output::message(format_args!("{prefix}{failure}"));
             ExitCode::from(&failure)
         }
     }
@@ -174,7 +158,7 @@ fn worker() -> ExitCode {
     match isolated::serve() {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            eprintln!("error: {error:#}");
+            output::message(format_args!("error: {error:#}"));
             ExitCode::FAILURE
         }
     }

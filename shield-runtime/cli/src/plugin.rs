@@ -38,11 +38,10 @@ pub enum PluginCommand {
 pub fn run(command: &PluginCommand, registry: &Registry) -> Result<(), Failure> {
     match command {
         PluginCommand::List => list(registry, None),
-        PluginCommand::Info(arguments) => return info::info(arguments, registry),
-        PluginCommand::Check(arguments) => return check::check(arguments, registry),
-        PluginCommand::Bench(arguments) => return bench::bench(arguments, registry),
-        PluginCommand::New(arguments) => return new::new(arguments),
-        PluginCommand::Lock(arguments) => return lock::lock(arguments, registry),
+        PluginCommand::Info(arguments) => info::info(arguments, registry),
+        PluginCommand::Check(arguments) => check::check(arguments, registry),
+        PluginCommand::Bench(arguments) => bench::bench(arguments, registry),
+        PluginCommand::New(arguments) => new::new(arguments),
+        PluginCommand::Lock(arguments) => lock::lock(arguments, registry),
     }
-    Ok(())
 }

@@ -1,6 +1,6 @@
 //! What a person sees while runs go on: one line per run, on the terminal only.
 
-use std::{fmt, time::Duration};
+use std::{fmt, thread, time::Duration};
 
 use anyhow::Result;
 use indicatif::{MultiProgress, ProgressBar, ProgressState, ProgressStyle};
@@ -12,6 +12,8 @@ use shield_lab::observer::{Observer, Scene, Step};
 
 /// Steps between two updates of the line.
 const EVERY: u64 = 64;
+/// How often the clock of the line goes on while a step takes long.
+const TICK: Duration = Duration::from_millis(500);
 
 /// The line of one run.
 pub struct Progress {
@@ -34,9 +36,24 @@ impl Progress {
         let bar = display.add(ProgressBar::new(steps).with_style(style).with_prefix(name));
         bar.set_position(steps_before);
         bar.reset_eta();
-        bar.enable_steady_tick(Duration::from_millis(500));
+        if !display.is_hidden() {
+            tick(&bar);
+        }
         Self { bar, last_return: f64::NAN, has_evaluation: false }
     }
+}
+
+/// Draws the line anew until it is finished. `enable_steady_tick` would panic where no thread can be started; here the clock stands still.
+fn tick(bar: &ProgressBar) {
+    let bar = bar.downgrade();
+    let draw = move || {
+        while let Some(bar) = bar.upgrade().filter(|bar| !bar.is_finished()) {
+            bar.tick();
+            drop(bar);
+            thread::sleep(TICK);
+        }
+    };
+    thread::Builder::new().name("progress".into()).spawn(draw).ok();
 }
 
 impl Drop for Progress {

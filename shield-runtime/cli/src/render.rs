@@ -33,7 +33,7 @@ use shield_report::{
     report::Picture,
 };
 
-use super::{Failure, eval::one_run, progress::Progress};
+use super::{Failure, eval::one_run, output, progress::Progress};
 use encode::Encoder;
 
 /// Arguments of `shield render`.
@@ -119,7 +119,7 @@ pub fn render(arguments: &RenderArguments, registry: &Registry) -> Result<(), Fa
         return Err(Failure::Interrupted("stopped by Ctrl-C; no film was written".into()));
     }
     filmed.map_err(|error| Failure::Run(format!("{error:#}")))?;
-    println!("{}", arguments.out.display());
+    output::note(arguments.out.display());
     Ok(())
 }
 

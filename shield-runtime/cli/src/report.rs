@@ -1,19 +1,17 @@
-//! `shield report`: what runs came to, on one page and in pictures.
+//! `shield report`: what runs came to, on one page and in pictures. Records and runs may be somebody else's: nothing that they name is executed.
+
+mod cells;
 
 use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result};
-use base64::{Engine, prelude::BASE64_STANDARD};
 use clap::Args;
-use shield_api::Frame;
-use shield_config::experiment::ExperimentFile;
 use shield_host::plugin::Registry;
-use shield_lab::run::{RunFolder, prepare, write_in_folder};
-use shield_report::report::{
-    FIGURE_NAMES, Figure, Picture, Places, Record, VariantRecord, figures, page, png, svg, titled,
-};
+use shield_lab::run::{RunFolder, write_in_folder};
+use shield_report::report::{FIGURE_NAMES, Figure, Record, figures, page, png, svg, titled};
 
-use super::{Failure, eval::runs_in};
+use self::cells::{Drawn, drawings, framed};
+use super::{Failure, eval::runs_in, output};
 
 /// Arguments of `shield report`.
 #[derive(Args)]
@@ -47,23 +45,13 @@ pub struct ReportArguments {
     dimensions: Option<Vec<usize>>,
 }
 
-/// An environment's picture is drawn so many times as large as it would be in a film.
-const MAGNIFICATION: usize = 2;
-
-/// A figure that the environment drew.
-struct Drawn {
-    name: String,
-    title: String,
-    picture: Picture,
-}
-
 /// Writes the page and whatever else was asked for.
 pub fn report(arguments: &ReportArguments, registry: &Registry) -> Result<(), Failure> {
     let input = |error: anyhow::Error| Failure::Input(format!("{error:#}"));
     let mut record = read(arguments)?;
     if let Some(path) = &arguments.record {
         record.write(path).map_err(input)?;
-        println!("{}", path.display());
+        output::note(path.display());
     }
     choose(&mut record, arguments).map_err(input)?;
     let pictures = choose_pictures(&record, arguments, registry)?;
@@ -97,7 +85,7 @@ fn read(arguments: &ReportArguments) -> Result<Record, Failure> {
     }
     let (runs, left_out) = Record::of_runs(&folders, dimensions).map_err(input)?;
     for reason in left_out {
-        eprintln!("warning: left out: {reason}");
+        output::message(format_args!("warning: left out: {reason}"));
     }
     if !runs.variants.is_empty() {
         record.merge(runs).map_err(input)?;
@@ -146,7 +134,7 @@ fn choose_pictures(
         return Err(Failure::Input(format!("nothing to show in {empty}; there are: {present}")));
     }
     if !empty.is_empty() {
-        eprintln!("warning: nothing to show in {}", empty.join(", "));
+        output::message(format_args!("warning: nothing to show in {}", empty.join(", ")));
     }
     figures.retain(|figure| wanted.iter().any(|name| name == figure.name()));
     drawn.retain(|drawn| wanted.contains(&drawn.name));
@@ -188,66 +176,6 @@ fn write(
         source => source.with_extension("html"),
     });
     write_in_folder(&out, page(record, &figures, &pictures)?.as_bytes())?;
-    println!("{}", out.display());
+    output::note(out.display());
     Ok(())
-}
-
-/// Where variants with discrete observations were aborted, drawn by their environments, which alone know where a cell lies.
-fn drawings(record: &Record, registry: &Registry) -> Vec<Drawn> {
-    let mut drawings = Vec::new();
-    for variant in &record.variants {
-        let Some(shares) = cells(variant) else { continue };
-        match drawing(variant, &shares, registry) {
-            Ok(drawn) => drawings.push(drawn),
-            Err(error) => eprintln!("warning: {}: no picture of its aborts: {error:#}", variant.name),
-        }
-    }
-    drawings
-}
-
-/// Which share of a seed's early aborts each cell has, the mean over the seeds: one that aborts without end does not hide the others.
-fn cells(variant: &VariantRecord) -> Option<Vec<f64>> {
-    let counts = variant.runs.iter().filter_map(|run| match &run.aborts {
-        Some(Places::Cells(counts)) => Some(counts),
-        _ => None,
-    });
-    let seeds = counts.clone().count();
-    let mut shares = vec![0.0; counts.clone().next()?.len()];
-    for counts in counts {
-        let total: u64 = counts.iter().sum();
-        let each = counts.iter().map(|count| *count as f64 / total.max(1) as f64 / seeds as f64);
-        shares.iter_mut().zip(each).for_each(|(share, more)| *share += more);
-    }
-    Some(shares)
-}
-
-fn drawing(variant: &VariantRecord, shares: &[f64], registry: &Registry) -> Result<Drawn> {
-    let file = ExperimentFile::from_text("the record", variant.config.as_str());
-    let variants = file.variants(&[], None)?;
-    let first = variants.first().context("the record has no configuration")?;
-    let mut environment = prepare(registry, first, 0)?.participants.world.into_environment();
-    let [width, height] = environment.frame_size().map(|pixels| pixels * MAGNIFICATION);
-    let most = shares.iter().copied().fold(0.0, f64::max);
-    let shades: Vec<f32> = shares.iter().map(|share| (share / most) as f32).collect();
-    let mut picture = Picture::new(width, height);
-    environment.render(&mut Frame::new(width, height, picture.pixels_mut())?.with_shades(&shades))?;
-    Ok(Drawn {
-        name: format!("where-{}", variant.name),
-        title: format!("{}: where aborts happened, at most {:.0}% in a cell", variant.name, most * 100.0),
-        picture,
-    })
-}
-
-/// A picture with its title, as an SVG document.
-fn framed(drawn: &Drawn) -> Result<String> {
-    let [width, height] = [drawn.picture.width(), drawn.picture.height()];
-    let image = BASE64_STANDARD.encode(drawn.picture.png()?);
-    let title = drawn.title.replace('&', "&amp;").replace('<', "&lt;");
-    Ok(format!(
-        "<svg xmlns=\"http://www.w3.org/2000/svg\" viewBox=\"0 0 {width} {}\" width=\"{width}\">\
-         <text x=\"{}\" y=\"20\" text-anchor=\"middle\" font-family=\"sans-serif\" font-size=\"14\">{title}</text>\
-         <image y=\"32\" width=\"{width}\" height=\"{height}\" href=\"data:image/png;base64,{image}\"/></svg>\n",
-        height + 32,
-        width / 2,
-    ))
 }

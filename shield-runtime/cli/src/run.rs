@@ -9,7 +9,7 @@ use shield_lab::run::{Identity, RunFolder, prepare};
 use shield_report::report::Record;
 
 use super::{
-    Failure,
+    Failure, output,
     session::{Job, Session},
 };
 
@@ -57,7 +57,8 @@ pub fn run(arguments: &RunArguments, registry: &Registry) -> Result<(), Failure>
             Some(Record::read(path).map_err(|error| Failure::Input(format!("{error:#}")))?)
         }
         Some(path) => {
-            eprintln!("{} does not exist yet: no run is recorded", path.display());
+            let path = path.display();
+            output::message(format_args!("{path} does not exist yet: no run is recorded"));
             None
         }
         None => None,
@@ -68,8 +69,10 @@ pub fn run(arguments: &RunArguments, registry: &Registry) -> Result<(), Failure>
         .work(jobs(arguments, &variants))?;
     let folder = arguments.out.join(&variants[0].experiment.name);
     match &arguments.record {
-        Some(record) if !folder.exists() => println!("Every run is recorded in {}.", record.display()),
-        _ => println!("Runs are in {}.", folder.display()),
+        Some(record) if !folder.exists() => {
+            output::note(format_args!("Every run is recorded in {}.", record.display()));
+        }
+        _ => output::note(format_args!("Runs are in {}.", folder.display())),
     }
     Ok(())
 }

@@ -8,6 +8,7 @@ use std::{
         Mutex, PoisonError,
         atomic::{AtomicBool, Ordering},
     },
+    thread,
 };
 
 use anyhow::{Result, anyhow};
@@ -17,7 +18,7 @@ use shield_host::plugin::Registry;
 use shield_lab::run::{Identity, Order, RunFolder, Standing, Summary};
 use shield_report::report::Record;
 
-use super::{Failure, progress::Progress, table};
+use super::{Failure, output, progress::Progress, table};
 
 /// A run that somebody asked for.
 pub struct Job {
@@ -97,11 +98,11 @@ impl<'a> Session<'a> {
         let mut outcomes = Outcomes::default();
         let missing = self.missing(jobs, &mut outcomes)?;
         self.stop_on_ctrl_c();
-        self.run_all(missing, &mut outcomes);
+        self.run_all(missing, &mut outcomes)?;
 
         let Outcomes { summaries, failures } = outcomes;
         if !summaries.is_empty() {
-            println!("{}", table::results(&names, &summaries));
+            output::note(table::results(&names, &summaries));
         }
         if !failures.is_empty() {
             let list = failures.join("\n  ");
@@ -151,7 +152,7 @@ impl<'a> Session<'a> {
                 if count == 1 { ("1 run is".into(), "it") } else { (format!("{count} runs are"), "them") };
             let remedy =
                 if self.can_overwrite { format!("; --overwrite makes {them} anew") } else { String::new() };
-            eprintln!("{text} finished already and kept{remedy}");
+            output::message(format_args!("{text} finished already and kept{remedy}"));
         }
         Ok(missing)
     }
@@ -166,33 +167,48 @@ impl<'a> Session<'a> {
             display.println("stopping: each run keeps its state; Ctrl-C again ends at once").ok();
         });
         if let Err(error) = installed {
-            eprintln!("warning: Ctrl-C ends the runs at once: {error}");
+            output::message(format_args!("warning: Ctrl-C ends the runs at once: {error}"));
         }
     }
 
-    /// Works through the jobs; a run that fails does not end the others.
-    fn run_all(&self, jobs: VecDeque<Job>, outcomes: &mut Outcomes) {
+    /// Works through the jobs; a run that fails does not end the others. With fewer threads than there should be, it takes longer.
+    fn run_all(&self, jobs: VecDeque<Job>, outcomes: &mut Outcomes) -> Result<(), Failure> {
         let workers =
             self.jobs.map_or_else(|| default_jobs(&jobs), NonZeroUsize::get).clamp(1, jobs.len().max(1));
         let queue = Mutex::new(jobs);
         let outcomes = Mutex::new(outcomes);
-        std::thread::scope(|scope| {
-            for _ in 0..workers {
-                scope.spawn(|| {
-                    while let Some(job) = next(&queue) {
-                        let outcome = catch_unwind(AssertUnwindSafe(|| self.run_one(&job)))
-                            .unwrap_or_else(|_| Err(anyhow!("the shield itself panicked; please report it")));
-                        let mut outcomes = outcomes.lock().unwrap_or_else(PoisonError::into_inner);
-                        match outcome {
-                            Ok(summary) => outcomes.summaries.push(summary),
-                            Err(error) => {
-                                outcomes.failures.push(format!("{}: {error:#}", job.folder.path().display()));
-                            }
-                        }
+        thread::scope(|scope| {
+            for started in 0..workers {
+                let worker = thread::Builder::new().spawn_scoped(scope, || self.work_off(&queue, &outcomes));
+                match worker {
+                    Ok(_) => {}
+                    Err(error) if started == 0 => return Err(Failure::Run(no_thread(&error))),
+                    Err(error) => {
+                        let reason = no_thread(&error);
+                        self.say(&format!(
+                            "warning: {started} instead of {workers} runs at a time: {reason}"
+                        ));
+                        break;
                     }
-                });
+                }
             }
-        });
+            Ok(())
+        })
+    }
+
+    /// Takes one job after the other, until there are no more.
+    fn work_off(&self, queue: &Mutex<VecDeque<Job>>, outcomes: &Mutex<&mut Outcomes>) {
+        while let Some(job) = next(queue) {
+            let outcome = catch_unwind(AssertUnwindSafe(|| self.run_one(&job)))
+                .unwrap_or_else(|_| Err(anyhow!("the shield itself panicked; please report it")));
+            let mut outcomes = outcomes.lock().unwrap_or_else(PoisonError::into_inner);
+            match outcome {
+                Ok(summary) => outcomes.summaries.push(summary),
+                Err(error) => {
+                    outcomes.failures.push(format!("{}: {error:#}", job.folder.path().display()));
+                }
+            }
+        }
     }
 
     fn run_one(&self, job: &Job) -> Result<Summary> {
@@ -215,8 +231,12 @@ impl<'a> Session<'a> {
 
     /// Above the lines of the runs; also where there is no terminal to draw them on.
     fn say(&self, message: &str) {
-        self.display.suspend(|| eprintln!("{message}"));
+        self.display.suspend(|| output::message(message));
     }
+}
+
+fn no_thread(error: &std::io::Error) -> String {
+    format!("a thread cannot be started: {error}; `ulimit -u` shows how many this user may have")
 }
 
 fn default_jobs(jobs: &VecDeque<Job>) -> usize {

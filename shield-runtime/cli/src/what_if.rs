@@ -9,7 +9,7 @@ use shield_config::experiment::{ExperimentFile, Override, Variant};
 use shield_host::plugin::Registry;
 use shield_lab::run::{Counterfactual, Replay, calibration, counterfactual, replay};
 
-use super::{Failure, eval::one_run};
+use super::{Failure, eval::one_run, output};
 
 const RULE: &str = "ensemble-threshold";
 
@@ -77,13 +77,13 @@ pub fn what_if(arguments: &WhatIfArguments, registry: &Registry) -> Result<(), F
         }
         rows.push((settings, run(registry, &variant, arguments)?));
     }
-    println!("{}", table(headings, &rows));
+    output::result(table(headings, &rows))?;
     let every = recorded.experiment.record.decisions;
     if every > 1 {
-        println!(
+        output::result(format_args!(
             "Every rejection was recorded, but of the allowed decisions only one in {every} was recorded: shares are of what was recorded. \
              `record: (decisions: 1)` gives the true ones."
-        );
+        ))?;
     }
     Ok(())
 }
@@ -189,16 +189,15 @@ fn print_counterfactual(run: &Path, registry: &Registry) -> Result<(), Failure> 
         cells.extend(figures.map(|figure| Cell::new(figure).set_alignment(CellAlignment::Right)));
         table.add_row(cells);
     }
-    println!("{table}");
+    output::result(table)?;
     let Counterfactual { rejected_but_undone, allowed_but_lost, .. } = tried;
-    println!(
+    output::result(format_args!(
         "{rejected_but_undone} false aborts (rejected, but undone) and {allowed_but_lost} missed (allowed, but lost)."
-    );
-    println!(
+    ))?;
+    output::result(
         "These are single-step counterfactuals: each action is executed in its restored state, and what follows is the final reset policy's, not the\n\
-         policy's of that time. Nothing is said of actions that would have come later."
-    );
-    Ok(())
+         policy's of that time. Nothing is said of actions that would have come later.",
+    )
 }
 
 fn print_calibration(run: &Path) -> Result<(), Failure> {
@@ -216,6 +215,5 @@ fn print_calibration(run: &Path) -> Result<(), Failure> {
         ];
         table.add_row(figures.map(|figure| Cell::new(figure).set_alignment(CellAlignment::Right)));
     }
-    println!("{table}");
-    Ok(())
+    output::result(table)
 }

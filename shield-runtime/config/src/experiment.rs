@@ -32,6 +32,7 @@ pub use difference::{Difference, differences, first_difference};
 pub use drop_in::DropInFile;
 pub use error::{InputError, Location};
 pub use overrides::Override;
+pub use validate::check_folder_name;
 pub use variant::Source;
 pub use variant::Variant;
 

@@ -2,6 +2,7 @@
 
 pub mod batch;
 pub mod checkpoint;
+mod contained;
 pub mod evaluation;
 pub mod joint_loop;
 pub mod loop_state;

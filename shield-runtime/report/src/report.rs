@@ -1,5 +1,6 @@
 //! What runs came to, for people: records, figures, and one page.
 
+mod check;
 mod course;
 mod draw;
 mod figures;

@@ -1,6 +1,6 @@
 //! The checks themselves.
 
-use std::fs;
+use std::{fs, thread};
 
 use shield_api::{ErrorKind, Frame, Space};
 
@@ -272,17 +272,18 @@ pub fn instances(subject: &Subject<'_>) -> Finding {
     let alone = Rollout::new(subject)?.record(STEPS)?;
     // The rest of a subject stays on its own thread.
     let (make, seed) = (subject.make, subject.seed);
-    let together: Vec<Result<Vec<u32>, String>> = std::thread::scope(|scope| {
+    let together: Vec<Result<Vec<u32>, String>> = thread::scope(|scope| {
         let threads: Vec<_> = (0..THREADS)
             .map(|_| {
-                scope.spawn(move || {
+                thread::Builder::new().spawn_scoped(scope, move || {
                     let subject = Subject { make, seed, is_deterministic: true, allocations: None };
                     Rollout::new(&subject)?.record(STEPS)
                 })
             })
             .collect();
+        let refused = |error| format!("a thread cannot be started: {error}");
         let lost = |_| Err("a thread panicked".to_string());
-        threads.into_iter().map(|thread| thread.join().unwrap_or_else(lost)).collect()
+        threads.into_iter().map(|thread| thread.map_err(refused)?.join().unwrap_or_else(lost)).collect()
     });
     for other in together {
         ensure_same(&alone, &other?, "beside others it does something else than alone")?;

@@ -1,6 +1,9 @@
 //! What must hold of a plugin of every kind but the environment, asked through rounds of everything that it can do.
 
-use std::time::{Duration, Instant};
+use std::{
+    thread,
+    time::{Duration, Instant},
+};
 
 use shield_api::{Checkpoint, ErrorKind, Spaces};
 
@@ -180,17 +183,18 @@ impl<T: Checkpoint + ?Sized> Probe<'_, T> {
         let alone = self.fresh_rounds(1)?;
         let (make, round, refusals, spaces, seed) =
             (self.make, self.round, self.refusals, self.spaces, self.seed);
-        let together: Vec<Round> = std::thread::scope(|scope| {
+        let together: Vec<Round> = thread::scope(|scope| {
             let threads: Vec<_> = (0..THREADS)
                 .map(|_| {
-                    scope.spawn(move || {
+                    thread::Builder::new().spawn_scoped(scope, move || {
                         let probe = Probe { make, round, refusals, spaces, seed, is_deterministic: true };
                         probe.fresh_rounds(1)
                     })
                 })
                 .collect();
+            let refused = |error| format!("a thread cannot be started: {error}");
             let lost = |_| Err("a thread panicked".to_string());
-            threads.into_iter().map(|thread| thread.join().unwrap_or_else(lost)).collect()
+            threads.into_iter().map(|thread| thread.map_err(refused)?.join().unwrap_or_else(lost)).collect()
         });
         for other in together {
             if other? != alone {

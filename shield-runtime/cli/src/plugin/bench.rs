@@ -13,7 +13,7 @@ use shield_check::{
 };
 use shield_host::plugin::{Entry, Registry, Selection};
 
-use super::super::Failure;
+use super::super::{Failure, output};
 
 /// Arguments of `shield plugin bench`.
 #[derive(Args)]
@@ -112,8 +112,7 @@ fn spaces(arguments: &BenchArguments) -> Option<Spaces> {
 fn print(arguments: &BenchArguments, rows: &[Row<'_>]) -> Result<(), Failure> {
     if arguments.json {
         let json = serde_json::to_string_pretty(rows).map_err(|error| Failure::Run(error.to_string()))?;
-        println!("{json}");
-        return Ok(());
+        return output::result(json);
     }
     let mut table = Table::new();
     table.load_preset(NOTHING).set_content_arrangement(ContentArrangement::Disabled);
@@ -130,8 +129,7 @@ fn print(arguments: &BenchArguments, rows: &[Row<'_>]) -> Result<(), Failure> {
         ]);
     }
     table.column_iter_mut().skip(2).for_each(|column| column.set_cell_alignment(CellAlignment::Right));
-    println!("{table}");
-    Ok(())
+    output::result(table)
 }
 
 /// Three digits with a unit.

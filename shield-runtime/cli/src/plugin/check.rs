@@ -20,7 +20,7 @@ use shield_host::plugin::{Entry, Kind, Registry, Selection};
 
 use shield_worker::Ending;
 
-use super::super::Failure;
+use super::super::{Failure, output};
 
 /// Arguments of `shield plugin check`.
 #[derive(Args)]
@@ -135,7 +135,7 @@ fn inside(
             Err(what) => Told::Failed(what),
         };
         let told = serde_json::to_string(&told).map_err(|error| Failure::Run(error.to_string()))?;
-        println!("\n{MARK}{told}");
+        output::result(format_args!("\n{MARK}{told}"))?;
     }
     Ok(())
 }
@@ -153,7 +153,13 @@ fn outside(
     command.args(["--reproduce", &arguments.reproduce.to_string()]);
     let mut child =
         command.stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().map_err(failed)?;
-    let (told, complaints) = (reader(child.stdout.take()), reader(child.stderr.take()));
+    let (told, complaints) = match (reader(child.stdout.take()), reader(child.stderr.take())) {
+        (Ok(told), Ok(complaints)) => (told, complaints),
+        (Err(error), _) | (_, Err(error)) => {
+            child.kill().and_then(|()| child.wait()).map_err(failed)?;
+            return Err(failed(error));
+        }
+    };
     let limit = Duration::from_secs(arguments.time_limit);
     let start = Instant::now();
     let status = loop {
@@ -180,8 +186,8 @@ fn outside(
 type Reader = thread::JoinHandle<std::io::Result<Vec<u8>>>;
 
 /// Reads a stream to its end on a thread of its own: a child whose pipe is full would wait for ever.
-fn reader(stream: Option<impl Read + Send + 'static>) -> Reader {
-    thread::spawn(move || {
+fn reader(stream: Option<impl Read + Send + 'static>) -> std::io::Result<Reader> {
+    thread::Builder::new().spawn(move || {
         let mut text = Vec::new();
         stream.map(|mut stream| stream.read_to_end(&mut text)).transpose().map(|_| text)
     })
@@ -208,7 +214,7 @@ fn verdict(status: ExitStatus, told: &str, complaints: &str) -> (&'static str, S
 fn report(arguments: &CheckArguments, lines: &[Line]) -> Result<(), Failure> {
     if arguments.json {
         let json = serde_json::to_string_pretty(lines).map_err(|error| Failure::Run(error.to_string()))?;
-        println!("{json}");
+        output::result(json)?;
     } else {
         let mut table = Table::new();
         table.load_preset(NOTHING).set_content_arrangement(ContentArrangement::Dynamic);
@@ -216,7 +222,7 @@ fn report(arguments: &CheckArguments, lines: &[Line]) -> Result<(), Failure> {
         for Line { plugin, check, rule, verdict, reason } in lines {
             table.add_row([plugin.as_str(), check, verdict, rule, reason]);
         }
-        println!("{table}");
+        output::result(table)?;
     }
     let is_bad = |line: &&Line| !["pass", "skip"].contains(&line.verdict);
     let bad: Vec<String> =

@@ -6,7 +6,7 @@ use clap::Args;
 use shield_api::manifest::{Manifest, ManifestField};
 use shield_host::plugin::{Entry, Kind, PluginError, Registry, fingerprint};
 
-use super::super::Failure;
+use super::super::{Failure, output};
 
 /// Arguments of `shield plugin info`.
 #[derive(Args)]
@@ -20,7 +20,7 @@ pub fn info(arguments: &InfoArguments, registry: &Registry) -> Result<(), Failur
     let refused = |error: PluginError| Failure::Input(error.to_string());
     for Entry { path, manifest, .. } in registry.named(&arguments.plugin).map_err(refused)? {
         let sha256 = fingerprint(&path).map_err(refused)?;
-        println!("{}", described(&manifest, &path, &sha256));
+        output::result(described(&manifest, &path, &sha256))?;
     }
     Ok(())
 }

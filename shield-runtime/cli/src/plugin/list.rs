@@ -3,8 +3,10 @@
 use comfy_table::{ContentArrangement, Table, presets::NOTHING};
 use shield_host::plugin::{Kind, Registry};
 
+use super::super::{Failure, output};
+
 /// Prints what the registry found, of one kind or of all, and what it passed over.
-pub fn list(registry: &Registry, kind: Option<Kind>) {
+pub fn list(registry: &Registry, kind: Option<Kind>) -> Result<(), Failure> {
     let mut table = Table::new();
     table.load_preset(NOTHING).set_content_arrangement(ContentArrangement::Disabled);
     table.set_header(["ID", "KIND", "VERSION", "FILE", "DESCRIPTION"]);
@@ -16,14 +18,15 @@ pub fn list(registry: &Registry, kind: Option<Kind>) {
         let manifest = &entry.manifest;
         table.add_row([&manifest.id, entry.kind.name(), &manifest.version, &file, &manifest.description]);
     }
-    println!("{table}");
+    let mut text = table.to_string();
     for duplicate in registry.duplicates() {
-        println!("\nwarning: {duplicate}");
+        text += &format!("\n\nwarning: {duplicate}");
     }
     if !registry.skipped().is_empty() {
-        println!("\nPassed over:");
+        text += "\n\nPassed over:";
         for skipped in registry.skipped() {
-            println!("  {}: {}", skipped.path.display(), skipped.reason);
+            text += &format!("\n  {}: {}", skipped.path.display(), skipped.reason);
         }
     }
+    output::result(text)
 }

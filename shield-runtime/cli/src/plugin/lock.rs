@@ -7,7 +7,7 @@ use clap::Args;
 use shield_config::{atomic_file::AtomicFile, experiment::ExperimentFile};
 use shield_host::plugin::{Identity, Registry};
 
-use super::super::Failure;
+use super::super::{Failure, output};
 
 /// Arguments of `shield plugin lock`.
 #[derive(Args)]
@@ -39,9 +39,9 @@ pub fn lock(arguments: &LockArguments, registry: &Registry) -> Result<(), Failur
         identities.iter().map(|(id, identity)| (id.clone(), identity.sha256.clone())).collect();
     replace(&file, &file.with_pins(&pins)?).map_err(|error| Failure::Run(format!("{error:#}")))?;
     for Identity { id, version, sha256, .. } in identities.values() {
-        println!("{sha256}  {id} {version}");
+        output::note(format_args!("{sha256}  {id} {version}"));
     }
-    println!("{} plugins are pinned in {}.", identities.len(), file.path.display());
+    output::note(format_args!("{} plugins are pinned in {}.", identities.len(), file.path.display()));
     Ok(())
 }
 

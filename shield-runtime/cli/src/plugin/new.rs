@@ -13,7 +13,7 @@ use shield_host::plugin::Kind;
 use shield_lab::run::write_in_folder;
 
 use self::templates::{Values, templates};
-use super::super::Failure;
+use super::super::{Failure, output};
 
 /// Arguments of `shield plugin new`.
 #[derive(Args)]
@@ -98,9 +98,9 @@ pub fn new(arguments: &NewArguments) -> Result<(), Failure> {
     }
     let build = if arguments.language == Language::Rust { "cargo build --release" } else { "make" };
     let library = library(arguments.language, name);
-    println!("Made {}. Next:", folder.display());
-    println!("  cd {} && {build}", folder.display());
-    println!("  shield plugin check {library}\n  shield run experiment.ron");
+    let folder = folder.display();
+    output::note(format_args!("Made {folder}. Next:\n  cd {folder} && {build}"));
+    output::note(format_args!("  shield plugin check {library}\n  shield run experiment.ron"));
     Ok(())
 }
 

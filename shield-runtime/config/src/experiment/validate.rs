@@ -54,15 +54,19 @@ pub(super) fn validate(experiment: &Experiment) -> Checked {
 
 /// Refuses names that cannot be a folder's on every system.
 pub(super) fn folder_name(path: &str, name: &str) -> Checked {
+    check_folder_name(name).map_err(|message| Complaint { path: path.into(), message })
+}
+
+/// Says why a name cannot be a folder's on every system, if it cannot.
+pub(crate) fn check_folder_name(name: &str) -> Result<(), String> {
     let forbidden = |character: char| character.is_control() || "/\\:*?\"<>|".contains(character);
     let trimmed = name.trim_end_matches('.').trim();
-    ensure(
-        !name.is_empty() && trimmed == name && !name.contains(forbidden),
-        path,
-        format!(
-            "{name:?} cannot name a folder: it must not be empty, contain any of / \\ : * ? \" < > |, begin or end with a space, or end with a dot"
-        ),
-    )
+    if !name.is_empty() && trimmed == name && !name.contains(forbidden) {
+        return Ok(());
+    }
+    Err(format!(
+        "{name:?} cannot name a folder: it must not be empty, contain any of / \\ : * ? \" < > |, begin or end with a space, or end with a dot"
+    ))
 }
 
 fn seeds(seeds: &[u64]) -> Checked {

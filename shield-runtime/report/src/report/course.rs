@@ -88,7 +88,7 @@ impl Course {
         let (mut last, mut lifetime) = (Episode::default(), 0.0);
         let mut rest = episodes.iter().peekable();
         for part in 1..=PARTS {
-            let end = steps * part / PARTS;
+            let end = (u128::from(steps) * u128::from(part) / u128::from(PARTS)) as u64;
             let (mut sum, mut count) = (0.0, 0_u32);
             while let Some(episode) = rest.next_if(|episode| episode.step <= end) {
                 lifetime += episode.forward_return;

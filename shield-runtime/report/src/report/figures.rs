@@ -207,7 +207,10 @@ fn evaluations(variant: &VariantRecord, figure: fn(&RunRecord, usize) -> f64) ->
 
 fn course(variant: &VariantRecord, figure: fn(&Course, usize) -> f64) -> Band {
     let steps = variant.runs.first().map_or(&[][..], |run| &run.course.step);
-    let spread = |at: usize| Spread::of(variant.runs.iter().map(|run| figure(&run.course, at)));
+    let spread = |at: usize| {
+        let there = variant.runs.iter().filter(|run| run.course.step.len() > at);
+        Spread::of(there.map(|run| figure(&run.course, at)))
+    };
     band(&variant.name, steps.iter().enumerate().map(|(at, step)| (*step, spread(at))))
 }
 
@@ -249,7 +252,7 @@ fn heat_map(variant: &VariantRecord) -> Option<Figure> {
     let (mut dimensions, mut total) = ([0, 1], 0);
     for run in &variant.runs {
         let Some(Places::Points { dimensions: chosen, of, points: more }) = &run.aborts else { continue };
-        (dimensions, total) = (*chosen, total + of);
+        (dimensions, total) = (*chosen, of.saturating_add(total));
         points.extend(more.iter().filter(|point| point.iter().all(|place| place.is_finite())));
     }
     if points.is_empty() {
@@ -277,7 +280,14 @@ fn heat_map(variant: &VariantRecord) -> Option<Figure> {
 }
 
 fn range(figures: impl Iterator<Item = f64>) -> [f64; 2] {
-    let [low, high] = figures
+    let range = figures
         .fold([f64::INFINITY, f64::NEG_INFINITY], |[low, high], figure| [low.min(figure), high.max(figure)]);
-    if high > low { [low, high] } else { [low - 0.5, high + 0.5] }
+    visible(range)
+}
+
+/// A range that an axis can show: one whose ends hardly differ gets room on both sides, since no tick would lie between them.
+pub(super) fn visible([low, high]: [f64; 2]) -> [f64; 2] {
+    let size = low.abs().max(high.abs());
+    let air = if high - low > (size * 1e-9).max(1e-40) { 0.0 } else { (size * 1e-3).max(0.5) };
+    [low - air, high + air]
 }

@@ -2,16 +2,18 @@
 
 use std::{collections::BTreeMap, fs, path::Path};
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, anyhow, bail};
 use serde::{Deserialize, Serialize};
 
 use super::{
+    check,
     course::{Course, EvaluationCourse},
     places::Places,
 };
 use shield_config::experiment::{Difference, ExperimentFile, differences};
 use shield_lab::{
     checkpoint::PluginVersion,
+    experiment::{Difference, Experiment, ExperimentFile, PluginChoice, differences},
     run::{Order, RunFolder, Summary, of_folder, write_in_folder},
 };
 
@@ -85,6 +87,7 @@ impl Record {
                 _ => left_out.push(format!("{path} is not finished")),
             }
         }
+        check::record(&record).map_err(anyhow::Error::msg)?;
         record.sort();
         Ok((record, left_out))
     }
@@ -109,6 +112,7 @@ impl Record {
             aborts: Places::read(path, dimensions)?,
             summary,
         };
+        check::run(&run).map_err(|reason| anyhow!("{} is damaged: {reason}", path.display()))?;
         let config = folder.config()?;
         let plugins = path.join("plugins.json");
         let text = fs::read(&plugins).with_context(|| format!("{} cannot be read", plugins.display()))?;
@@ -137,10 +141,13 @@ impl Record {
     /// Reads a record that [`write`](Self::write) wrote.
     ///
     /// # Errors
-    /// It cannot be read, or is none.
+    /// It cannot be read, is none, or is damaged.
     pub fn read(path: &Path) -> Result<Self> {
         let bytes = fs::read(path).with_context(|| format!("{} cannot be read", path.display()))?;
-        serde_json::from_slice(&bytes).with_context(|| format!("{} is not a record of runs", path.display()))
+        let record = serde_json::from_slice(&bytes)
+            .with_context(|| format!("{} is not a record of runs", path.display()))?;
+        check::record(&record).map_err(|reason| anyhow!("{} is damaged: {reason}", path.display()))?;
+        Ok(record)
     }
 
     /// Writes it as JSON, a run to a line.
@@ -206,10 +213,13 @@ impl Record {
         let variant = self.variants.iter().find(|variant| variant.name == order.identity.variant)?;
         let run = variant.runs.iter().find(|run| run.seed == order.identity.seed)?;
         let file = ExperimentFile::from_text("the record", variant.config.as_str());
-        let then = file.variants(&[], None).ok()?;
+        let then = file.variants(&[], None).ok()?.into_iter().next()?;
+        if !names_no_other(&then.experiment, &order.variant.experiment) {
+            return None;
+        }
         // With a plugin that is no longer there, it is not the same; the run itself says which.
         let now = order.provenance().ok()?;
-        let then = Order { variant: then.first()?, ..*order }.provenance().ok()?;
+        let then = Order { variant: &then, ..*order }.provenance().ok()?;
         let is_same = but_for_seed(&then.config, &now.config).next().is_none();
         let version = |plugin: &PluginVersion| {
             let is_it = |kept: &PluginRecord| kept.id == plugin.id && kept.version == plugin.version;
@@ -217,6 +227,15 @@ impl Record {
         };
         (is_same && self.program == PROGRAM && now.plugins.iter().all(version)).then_some(&run.summary)
     }
+}
+
+/// Whether the run names every plugin that the record names, and the same file for each: no other file is looked at.
+fn names_no_other(recorded: &Experiment, run: &Experiment) -> bool {
+    let known = run.plugins();
+    recorded.plugins().into_iter().all(|(_, kind, choice)| {
+        let is_it = |other: &PluginChoice| other.selection() == choice.selection();
+        known.iter().any(|(_, other_kind, other)| *other_kind == kind && is_it(other))
+    })
 }
 
 /// How two resolved configurations differ, apart from their seed.
@@ -253,6 +272,29 @@ fn split_number(name: &str) -> (&str, Option<f64>) {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    fn experiment(environment: &str) -> Experiment {
+        let text = format!(
+            "Experiment(name: \"x\", steps: 1, seeds: [0], mode: StatusQuo, environment: ({environment}), forward: Learner(plugin: \"ddpg\"))"
+        );
+        let variants = ExperimentFile::from_text("x.ron", text).variants(&[], None).unwrap();
+        variants.into_iter().next().unwrap().experiment
+    }
+
+    #[test]
+    fn a_record_that_names_another_file_than_the_run_is_not_compared() {
+        let (plain, placed) = ("plugin: \"arm\"", "plugin: \"arm\", path: \"arm.so\"");
+        for (recorded, run, expected) in [
+            (plain, plain, true),
+            (placed, placed, true),
+            (placed, plain, false),
+            ("plugin: \"arm\", path: \"other.so\"", placed, false),
+            ("plugin: \"leg\"", plain, false),
+        ] {
+            let is_same = names_no_other(&experiment(recorded), &experiment(run));
+            assert_eq!(is_same, expected, "{recorded} in a record, {run} in a run");
+        }
+    }
 
     #[test]
     fn variants_are_sorted_by_the_number_at_their_end() {

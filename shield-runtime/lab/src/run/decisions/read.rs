@@ -8,6 +8,8 @@ use parquet::{
     record::Field,
 };
 
+use crate::contained::contained;
+
 /// One recorded decision.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct DecisionRow {
@@ -91,18 +93,22 @@ pub fn read_decisions(run: &Path, mut take: impl FnMut(DecisionRow) -> Result<bo
     Ok(count)
 }
 
-/// Hands every decision of one part to `take`, until it says `false`; returns whether it never did.
+/// Hands every decision of one part to `take`, until it says `false`; returns whether it never did. The library that reads a part panics at
+/// some of the damage that it may have.
 pub(super) fn read_part(part: &Path, take: &mut dyn FnMut(DecisionRow) -> Result<bool>) -> Result<bool> {
-    let damaged = || format!("{} cannot be read", part.display());
-    let file = File::open(part).with_context(damaged)?;
-    let reader = SerializedFileReader::new(file).with_context(damaged)?;
+    let unreadable = || format!("{} cannot be read", part.display());
+    let damaged = || format!("{} is damaged", part.display());
+    let file = File::open(part).with_context(unreadable)?;
+    let reader =
+        contained(|| SerializedFileReader::new(file)).with_context(damaged)?.with_context(damaged)?;
     let schema = reader.metadata().file_metadata().schema_descr();
     let kinds = schema.columns().iter().filter_map(|column| {
         let (kind, _) = column.name().rsplit_once('_')?;
         Some((column.name().to_owned(), kind.to_owned()))
     });
     let kinds: HashMap<String, String> = kinds.collect();
-    for row in reader.get_row_iter(None).with_context(damaged)? {
+    let mut rows = contained(|| reader.get_row_iter(None)).with_context(damaged)?.with_context(damaged)?;
+    while let Some(row) = contained(|| rows.next()).with_context(damaged)? {
         let mut decision = DecisionRow::default();
         for (name, field) in row.with_context(damaged)?.get_column_iter() {
             fill(&mut decision, &kinds, name, field)

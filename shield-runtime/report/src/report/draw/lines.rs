@@ -9,7 +9,7 @@ use plotters::{
 };
 
 use super::{Canvas, GRID, TEXT, TEXT_SIZE, TICKS, TITLE_SIZE, label, look};
-use crate::report::figures::{Band, Lines};
+use crate::report::figures::{Band, Lines, visible};
 
 type Drawn<B> = Result<(), DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
 
@@ -21,7 +21,8 @@ const GAP: u32 = 18;
 pub(super) fn draw<B: DrawingBackend>(canvas: &Canvas<'_, B>, figure: &Lines) -> Drawn<B> {
     let legend = Legend::arrange(canvas, &figure.bands)?;
     let height = canvas.area.dim_in_pixel().1;
-    let (plot, below) = canvas.area.split_vertically(height - legend.height);
+    // The curves keep half of the picture: of very many variants, the legend names the first.
+    let (plot, below) = canvas.area.split_vertically(height.saturating_sub(legend.height).max(height / 2));
     let steps = figure.bands.iter().flat_map(|band| band.points.last()).map(|point| point.0);
     let right = steps.fold(1.0, f64::max);
     let [low, high] = vertical_range(&figure.bands);
@@ -82,7 +83,7 @@ fn vertical_range(bands: &[Band]) -> [f64; 2] {
     });
     let low = if low > 0.0 && low < 0.6 * high { 0.0 } else { low };
     let air = if high > low { (high - low) * 0.05 } else { 0.5 };
-    [if low == 0.0 { 0.0 } else { low - air }, high + air]
+    visible([if low == 0.0 { 0.0 } else { low - air }, high + air])
 }
 
 /// Where each name stands: as many in a line as fit.
@@ -117,7 +118,8 @@ impl Legend {
     fn draw<B: DrawingBackend>(&self, canvas: &Canvas<'_, B>, area: &DrawingArea<B, Shift>) -> Drawn<B> {
         let style = canvas.text(TEXT_SIZE);
         let of = |points: u32| canvas.points(points) as i32;
-        for (index, (name, [x, y])) in self.entries.iter().enumerate() {
+        let room = area.dim_in_pixel().1 as i32 - of(LEGEND_LINE);
+        for (index, (name, [x, y])) in self.entries.iter().enumerate().filter(|(_, (_, [_, y]))| *y <= room) {
             let (colour, is_dashed) = look(index);
             let middle = y + of(LEGEND_LINE) / 2;
             let band = [(*x, middle - of(5)), (x + of(STROKE), middle + of(5))];

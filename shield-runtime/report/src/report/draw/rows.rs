@@ -8,7 +8,7 @@ use plotters::{
 };
 
 use super::{COLOURS, Canvas, GRID, TEXT, TEXT_SIZE, TICKS, TITLE_SIZE, label};
-use crate::report::figures::Dots;
+use crate::report::figures::{Dots, visible};
 
 pub(super) fn draw<B: DrawingBackend>(
     canvas: &Canvas<'_, B>,
@@ -22,14 +22,16 @@ pub(super) fn draw<B: DrawingBackend>(
     let seeds = figure.rows.iter().flat_map(|row| row.seeds.iter().copied());
     let (low, high) =
         seeds.fold((0.0, 0.0_f64), |(low, high): (f64, f64), seed| (low.min(seed), high.max(seed)));
+    let [low, high] = visible([low, high + (high - low) * 0.03]);
     let count = figure.rows.len() as f64;
+    let names = names.min(canvas.area.dim_in_pixel().0 / 2);
     let mut chart = ChartBuilder::on(&canvas.area)
         .caption(&figure.title, canvas.text(TITLE_SIZE))
         .margin(canvas.points(10))
         .margin_right(canvas.points(24))
         .x_label_area_size(canvas.points(44))
         .y_label_area_size(names + canvas.points(12))
-        .build_cartesian_2d(low..high + (high - low) * 0.03, count..0.0)?;
+        .build_cartesian_2d(low..high, count..0.0)?;
     chart
         .configure_mesh()
         .disable_y_mesh()

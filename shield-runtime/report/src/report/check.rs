@@ -1,0 +1,87 @@
+//! What must hold of a record before anything is made of it: others may have written it.
+
+use super::{
+    course::{Course, EvaluationCourse},
+    places::Places,
+    record::{Record, RunRecord},
+};
+use shield_config::experiment::check_folder_name;
+
+/// No figure of a run is larger: that many rewards do not fit into a life.
+const LARGEST: f64 = 1e60;
+/// Most variants of an experiment.
+const MOST_VARIANTS: usize = 1_000;
+
+/// Says what is wrong with a record, if something is. Names become parts of paths, and figures places in a picture.
+pub(super) fn record(record: &Record) -> Result<(), String> {
+    let count = record.variants.len();
+    ensure(count <= MOST_VARIANTS, || format!("it has {count} variants; {MOST_VARIANTS} are the most"))?;
+    // A record of no run has no name.
+    if count > 0 || !record.experiment.is_empty() {
+        check_folder_name(&record.experiment).map_err(|reason| format!("the experiment's name {reason}"))?;
+    }
+    for variant in &record.variants {
+        let name = &variant.name;
+        check_folder_name(name).map_err(|reason| format!("a variant's name {reason}"))?;
+        for one in &variant.runs {
+            run(one).map_err(|reason| format!("{name}, seed {}: {reason}", one.seed))?;
+        }
+    }
+    Ok(())
+}
+
+/// Says what is wrong with a run, if something is.
+pub(super) fn run(run: &RunRecord) -> Result<(), String> {
+    course(&run.course)?;
+    evaluations(&run.evaluations)?;
+    let summary = &run.summary;
+    let figures = [summary.final_return, summary.best_return, summary.success_rate, summary.lifetime_return];
+    finite("summary", figures.into_iter().flatten())?;
+    match &run.aborts {
+        Some(Places::Points { points, .. }) => finite("aborts", points.iter().flatten().copied()),
+        Some(Places::Cells(_)) | None => Ok(()),
+    }
+}
+
+fn course(course: &Course) -> Result<(), String> {
+    let Course { step, forward_steps, early_aborts, hard_resets, irreversible_entries, .. } = course;
+    let counts = [
+        ("step", step),
+        ("forward_steps", forward_steps),
+        ("early_aborts", early_aborts),
+        ("hard_resets", hard_resets),
+        ("irreversible_entries", irreversible_entries),
+    ];
+    for (name, column) in counts {
+        as_long(name, column.len(), step.len())?;
+        ensure(column.is_sorted(), || format!("the column `{name}` of its course decreases"))?;
+    }
+    as_long("lifetime_return", course.lifetime_return.len(), step.len())?;
+    as_long("forward_return", course.forward_return.len(), step.len())?;
+    finite("lifetime_return", course.lifetime_return.iter().copied())?;
+    finite("forward_return", course.forward_return.iter().copied().flatten())
+}
+
+fn evaluations(evaluations: &EvaluationCourse) -> Result<(), String> {
+    let EvaluationCourse { step, mean_return, success_rate } = evaluations;
+    ensure(step.is_sorted(), || "the column `step` of its evaluations decreases".into())?;
+    as_long("mean_return", mean_return.len(), step.len())?;
+    as_long("success_rate", success_rate.len(), step.len())?;
+    finite("mean_return", mean_return.iter().copied())?;
+    finite("success_rate", success_rate.iter().copied())
+}
+
+fn as_long(name: &str, length: usize, steps: usize) -> Result<(), String> {
+    ensure(length == steps, || format!("the column `{name}` has {length} figures, `step` has {steps}"))
+}
+
+fn finite(name: &str, mut figures: impl Iterator<Item = f64>) -> Result<(), String> {
+    match figures.find(|figure| !(-LARGEST..=LARGEST).contains(figure)) {
+        Some(figure) => Err(format!("`{name}` has the figure {figure:e}; {LARGEST:e} is the largest")),
+        None => Ok(()),
+    }
+}
+
+fn ensure(holds: bool, complaint: impl FnOnce() -> String) -> Result<(), String> {
+    if holds { Ok(()) } else { Err(complaint()) }
+}
