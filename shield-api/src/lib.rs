@@ -13,6 +13,7 @@ mod learner;
 pub mod manifest;
 mod plugin;
 mod policy;
+pub mod regular_file;
 mod reset_task;
 mod space;
 

@@ -9,6 +9,7 @@ use std::{
 
 use crc32fast::Hasher;
 use serde::{Deserialize, Serialize};
+use shield_api::regular_file;
 
 use super::file::{CheckpointError, Result, sync_folder};
 use crate::experience::Experience;
@@ -134,7 +135,7 @@ impl ExperienceLog {
         for segment in &mark.segments {
             let path = segment.path(folder);
             let failed = |error| CheckpointError::io(&path, error);
-            let mut file = File::open(&path).map_err(failed)?;
+            let mut file = regular_file::open(&path).map_err(failed)?;
             let mut hasher = Hasher::new();
             let mut block = Vec::new();
             let mut next = segment.first;

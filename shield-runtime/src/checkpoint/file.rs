@@ -7,6 +7,7 @@ use std::{
 };
 
 use serde::{Serialize, de::DeserializeOwned};
+use shield_api::regular_file;
 
 const MAGIC: &[u8; 8] = b"SHIELDCP";
 /// To be raised with every change of what is saved: the body does not describe itself.
@@ -114,7 +115,7 @@ pub(crate) fn write(path: &Path, previous: Option<&Path>, body: &impl Serialize)
 
 /// Reads what [`write`] wrote.
 pub(crate) fn read<T: DeserializeOwned>(path: &Path) -> Result<T> {
-    let bytes = fs::read(path).map_err(|error| CheckpointError::io(path, error))?;
+    let bytes = regular_file::read(path).map_err(|error| CheckpointError::io(path, error))?;
     let torn = |what| CheckpointError::Torn { path: path.to_owned(), what };
     if !bytes.starts_with(MAGIC) {
         return Err(CheckpointError::Foreign { path: path.to_owned() });

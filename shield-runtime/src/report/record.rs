@@ -1,9 +1,10 @@
 //! What the runs of an experiment came to, small enough to be kept beside it.
 
-use std::{collections::BTreeMap, fs, path::Path};
+use std::{collections::BTreeMap, path::Path};
 
 use anyhow::{Context, Result, bail};
 use serde::{Deserialize, Serialize};
+use shield_api::regular_file;
 
 use super::{
     course::{Course, EvaluationCourse},
@@ -111,7 +112,7 @@ impl Record {
         };
         let config = folder.config()?;
         let plugins = path.join("plugins.json");
-        let text = fs::read(&plugins).with_context(|| format!("{} cannot be read", plugins.display()))?;
+        let text = regular_file::read(&plugins).with_context(|| format!("{} cannot be read", plugins.display()))?;
         let plugins = serde_json::from_slice(&text)
             .with_context(|| format!("{} is not a list of plugins", plugins.display()))?;
         let known = self.variants.iter_mut().find(|variant| variant.name == identity.variant);
@@ -139,7 +140,7 @@ impl Record {
     /// # Errors
     /// It cannot be read, or is none.
     pub fn read(path: &Path) -> Result<Self> {
-        let bytes = fs::read(path).with_context(|| format!("{} cannot be read", path.display()))?;
+        let bytes = regular_file::read(path).with_context(|| format!("{} cannot be read", path.display()))?;
         serde_json::from_slice(&bytes).with_context(|| format!("{} is not a record of runs", path.display()))
     }
 

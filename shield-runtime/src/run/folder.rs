@@ -6,6 +6,7 @@ use std::{
 };
 
 use anyhow::{Context, Result, bail};
+use shield_api::regular_file;
 
 use super::summary::{Identity, Summary};
 
@@ -106,7 +107,7 @@ impl RunFolder {
     /// There is none: the folder is not that of a run.
     pub fn config(&self) -> Result<String> {
         let path = self.path.join("config.ron");
-        fs::read_to_string(&path).with_context(|| format!("{} cannot be read", path.display()))
+        regular_file::read_to_string(&path).with_context(|| format!("{} cannot be read", path.display()))
     }
 
     /// The summary; `None` before the run's first end.
@@ -118,7 +119,7 @@ impl RunFolder {
         if !path.exists() {
             return Ok(None);
         }
-        let bytes = fs::read(&path).with_context(|| format!("{} cannot be read", path.display()))?;
+        let bytes = regular_file::read(&path).with_context(|| format!("{} cannot be read", path.display()))?;
         let summary = serde_json::from_slice(&bytes);
         summary.map(Some).with_context(|| format!("{} is not the summary of a run", path.display()))
     }

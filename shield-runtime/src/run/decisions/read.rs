@@ -1,12 +1,13 @@
 //! Reading decisions back.
 
-use std::{collections::HashMap, fs::File, path::Path};
+use std::{collections::HashMap, path::Path};
 
 use anyhow::{Context, Result, anyhow, ensure};
 use parquet::{
     file::reader::{FileReader, SerializedFileReader},
     record::Field,
 };
+use shield_api::regular_file;
 
 /// One recorded decision.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -94,7 +95,7 @@ pub fn read_decisions(run: &Path, mut take: impl FnMut(DecisionRow) -> Result<bo
 /// Hands every decision of one part to `take`, until it says `false`; returns whether it never did.
 pub(super) fn read_part(part: &Path, take: &mut dyn FnMut(DecisionRow) -> Result<bool>) -> Result<bool> {
     let damaged = || format!("{} cannot be read", part.display());
-    let file = File::open(part).with_context(damaged)?;
+    let file = regular_file::open(part).with_context(damaged)?;
     let reader = SerializedFileReader::new(file).with_context(damaged)?;
     let schema = reader.metadata().file_metadata().schema_descr();
     let kinds = schema.columns().iter().filter_map(|column| {
