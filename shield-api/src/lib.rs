@@ -14,6 +14,7 @@ pub mod manifest;
 pub mod metrics;
 mod plugin;
 mod policy;
+pub mod regular_file;
 mod reset_task;
 mod space;
 

@@ -1,15 +1,11 @@
 //! The doorbell: a pair of sockets through which one byte wakes the other side, and whose end tells that it is gone.
 
-use std::{
-    io::{self, Read},
-    os::unix::net::UnixStream,
-    time::Duration,
-};
+use std::{io, os::unix::net::UnixStream, time::Duration};
 
 use rustix::{
     event::{PollFd, PollFlags, Timespec, poll},
     io::Errno,
-    net::{SendFlags, send},
+    net::{RecvFlags, SendFlags, recv, send},
 };
 
 /// One end of the pair.
@@ -32,12 +28,13 @@ impl Bell {
         Self(socket)
     }
 
-    /// Wakes the other side. That nobody is there any more is found by whoever waits for the answer.
+    /// Wakes the other side, and never waits for it. A bell that is full of rings has been rung. That nobody is there any more is
+    /// found by whoever waits for the answer.
     pub(crate) fn ring(&self) -> io::Result<()> {
         loop {
-            // Without the flag, writing to a child that died would end a parent that is not written in Rust.
-            return match send(&self.0, &[0], SendFlags::NOSIGNAL) {
-                Ok(_) | Err(Errno::PIPE | Errno::CONNRESET) => Ok(()),
+            // Without `NOSIGNAL`, writing to a child that died would end a parent that is not written in Rust.
+            return match send(&self.0, &[0], SendFlags::NOSIGNAL | SendFlags::DONTWAIT) {
+                Ok(_) | Err(Errno::AGAIN | Errno::PIPE | Errno::CONNRESET) => Ok(()),
                 Err(Errno::INTR) => continue,
                 Err(error) => Err(error.into()),
             };
@@ -56,12 +53,11 @@ impl Bell {
             Ok(_) => {}
             Err(error) => return Err(error.into()),
         }
-        match self.0.read(&mut [0]) {
-            Ok(1) => Ok(Heard::Ring),
-            Ok(_) => Ok(Heard::HangUp),
-            Err(error) if error.kind() == io::ErrorKind::ConnectionReset => Ok(Heard::HangUp),
-            Err(error) if error.kind() == io::ErrorKind::Interrupted => Ok(Heard::Nothing),
-            Err(error) => Err(error),
+        match recv(&self.0, &mut [0], RecvFlags::DONTWAIT) {
+            Ok((1, _)) => Ok(Heard::Ring),
+            Ok(_) | Err(Errno::CONNRESET) => Ok(Heard::HangUp),
+            Err(Errno::INTR | Errno::AGAIN) => Ok(Heard::Nothing),
+            Err(error) => Err(error.into()),
         }
     }
 }

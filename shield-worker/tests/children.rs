@@ -231,6 +231,32 @@ fn a_child_that_rings_without_an_answer_is_an_error() {
     assert!(matches!(error, WorkerError::Protocol { .. }), "{error:?}");
 }
 
+/// Answers each request, but never reads its bell.
+const DEAF: &str = "
+import mmap, os, struct
+memory, bell, length = map(int, os.environ['SHIELD_WORKER_CHANNEL'].split(','))
+block = mmap.mmap(memory, length)
+answered = 0
+while True:
+    request = struct.unpack_from('=I', block, 0)[0]
+    if request != answered:
+        answered = request
+        struct.pack_into('=I', block, 64, request)
+        os.write(bell, b'\\0')
+";
+
+#[test]
+fn a_child_that_never_reads_its_bell_is_still_called_and_answers() {
+    let mut worker = python(DEAF);
+    let (sender, calls) = std::sync::mpsc::channel();
+    // More calls than the bell has room for.
+    thread::spawn(move || (0..2_000).for_each(|_| sender.send(worker.call(LONG)).unwrap()));
+    for call in 0..2_000 {
+        let answer = calls.recv_timeout(2 * LONG);
+        assert!(matches!(answer, Ok(Ok(()))), "call {call}: {answer:?}");
+    }
+}
+
 #[test]
 fn a_child_cannot_shorten_the_memory() {
     let script = PYTHON.replace("while", "os.ftruncate(memory, 1)\nwhile");

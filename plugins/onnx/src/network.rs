@@ -1,10 +1,20 @@
 //! A network in ONNX with one input, behind plain numbers.
 
-use std::{fs, path::Path, sync::Arc};
+use std::{
+    fs::File,
+    io::{Read as _, Seek as _, SeekFrom},
+    path::Path,
+    sync::Arc,
+};
 
-use shield_api::{Error, Result};
+use shield_api::{Error, Result, regular_file};
+use tract_onnx::data_resolver::ModelDataResolver;
+use tract_onnx::model::ParseResult;
 use tract_onnx::prelude::*;
-use tract_onnx::tract_hir::{infer::Factoid, internal::DimLike};
+use tract_onnx::tract_hir::{
+    infer::Factoid,
+    internal::{DimLike, TractErrorContext as _, bail},
+};
 
 /// A network that was read, checked against the observation, and prepared for a batch of one.
 pub struct Network {
@@ -21,12 +31,10 @@ impl Network {
         if path.is_empty() {
             return Err(Error::invalid_config("`path` names no file; give the policy's .onnx file"));
         }
-        // The parser maps the file and would say less of what is missing.
-        fs::File::open(path).map_err(|error| {
+        let file = regular_file::open(path).map_err(|error| {
             refused(format!("cannot be read: {error}; a relative path counts from the working directory"))
         })?;
-        let model = onnx()
-            .model_for_path(Path::new(path))
+        let model = parse(Path::new(path), file)
             .map_err(|error| refused(format!("is not a network in ONNX that can be read: {error:#}")))?;
         let (input, input_type) = input_shape(&model, observation_len).map_err(&refused)?;
         Self::prepare(model, input, input_type)
@@ -69,6 +77,45 @@ impl Network {
         let input = input.cast_to_dt(self.input_type)?.into_owned();
         let mut outputs = self.plan.run(tvec![input.into_tvalue()])?;
         Ok(outputs.swap_remove(0))
+    }
+}
+
+/// The network in `file`, which is open at `path`. Its weights may lie in files beside it.
+fn parse(path: &Path, mut file: File) -> TractResult<InferenceModel> {
+    let mut onnx = onnx();
+    onnx.provider = Arc::new(RegularFiles);
+    let network = onnx.proto_model_for_read(&mut file)?;
+    let ParseResult { model, unresolved_inputs, .. } =
+        onnx.parse(&network, path.parent().and_then(Path::to_str))?;
+    if !unresolved_inputs.is_empty() {
+        bail!("no node gives the inputs {unresolved_inputs:?}");
+    }
+    Ok(model)
+}
+
+/// Reads weights beside a network from regular files, which never makes the program wait.
+struct RegularFiles;
+
+impl ModelDataResolver for RegularFiles {
+    fn read_bytes_from_path(
+        &self,
+        bytes: &mut Vec<u8>,
+        path: &Path,
+        offset: usize,
+        length: Option<usize>,
+    ) -> TractResult<()> {
+        let mut read = || {
+            let mut file = regular_file::open(path)?;
+            file.seek(SeekFrom::Start(offset as u64))?;
+            file.take(length.map_or(u64::MAX, |length| length as u64)).read_to_end(bytes)
+        };
+        let count = read().with_context(|| format!("{} cannot be read", path.display()))?;
+        match length {
+            Some(length) if count < length => {
+                bail!("{} ends before byte {}", path.display(), offset.saturating_add(length))
+            }
+            _ => Ok(()),
+        }
     }
 }
 

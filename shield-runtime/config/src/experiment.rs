@@ -19,7 +19,7 @@ mod variant;
 use std::path::{Path, PathBuf};
 
 use serde::de::IgnoredAny;
-use shield_api::ron_options;
+use shield_api::{regular_file, ron_options};
 
 pub use config::{
     BetweenAttempts, CheckpointConfig, DropInConfig, Endings, EvaluatedAgent, EvaluationConfig,
@@ -59,7 +59,7 @@ impl ExperimentFile {
     /// The file cannot be read or is not UTF-8 text.
     pub fn read(path: impl AsRef<Path>) -> Result<Self, InputError> {
         let path = path.as_ref();
-        let text = std::fs::read_to_string(path).map_err(|error| InputError {
+        let text = regular_file::read_to_string(path).map_err(|error| InputError {
             location: Location::File { file: path.display().to_string(), position: None },
             message: format!("the file cannot be read: {error}"),
             remedy: None,

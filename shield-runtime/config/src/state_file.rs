@@ -7,6 +7,7 @@ use std::{
 };
 
 use serde::{Serialize, de::DeserializeOwned};
+use shield_api::regular_file;
 
 use crate::atomic_file::AtomicFile;
 
@@ -154,7 +155,7 @@ pub fn write(path: &Path, previous: Option<&Path>, body: &impl Serialize) -> Res
 
 /// Reads what [`write`] wrote.
 pub fn read<T: DeserializeOwned>(path: &Path) -> Result<T> {
-    let bytes = fs::read(path).map_err(|error| CheckpointError::io(path, error))?;
+    let bytes = regular_file::read(path).map_err(|error| CheckpointError::io(path, error))?;
     let torn = |what| CheckpointError::Torn { path: path.to_owned(), what };
     if !bytes.starts_with(MAGIC) {
         return Err(CheckpointError::Foreign { path: path.to_owned() });

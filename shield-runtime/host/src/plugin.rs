@@ -4,13 +4,14 @@
 //! - `manifest` reads manifests without executing anything.
 //! - [`Library`] loads one file and checks every table of it before the first call.
 //! - [`Registry`] scans folders, finds ids, and makes instances.
-//! - `trust` asks, before that, who may have written the file and whether it is the one that was meant.
+//! - `trust` asks, before that, who could have put the file there; `file` holds it open, so that what is hashed is what is loaded.
 //! - `ffi` holds the wrappers: they implement the traits of `shield_api` and let nothing through that is not a number.
 //! - `isolated` does the same for plugins in a process of their own.
 
 mod entry;
 mod error;
 mod ffi;
+mod file;
 pub mod isolated;
 mod library;
 mod manifest;
@@ -24,11 +25,12 @@ pub use ffi::{
     LoadedAbortRule, LoadedEnvironment, LoadedLearner, LoadedPolicy, LoadedResetTask, host,
     host_without_metrics,
 };
+pub use file::fingerprint;
 pub use library::Library;
 pub use manifest::read_manifests;
 pub use registry::Registry;
 pub use search_path::SearchPath;
-pub use trust::fingerprint;
+pub use trust::{Distrust, Stranger};
 
 use std::fmt;
 

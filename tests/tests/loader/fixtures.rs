@@ -59,18 +59,40 @@ pub fn c_fixture(name: &str, defines: &[&str]) -> PathBuf {
     let folder = target().join("c");
     fs::create_dir_all(&folder).unwrap();
     let path = folder.join(format!("{name}{}", env::consts::DLL_SUFFIX));
-    let output = Command::new("cc")
-        .args(["-std=c11", "-Wall", "-Wextra", "-O1", "-fPIC", "-shared", "-o"])
-        .arg(&path)
-        .args(defines.iter().map(|define| format!("-D{define}")))
+    compile_rule(&path, defines, &[]);
+    path
+}
+
+/// Builds the C library at `path`, with the given macros defined and more for the linker.
+pub fn compile_rule(path: &Path, defines: &[&str], link: &[&str]) {
+    let mut cc = shared_library(path);
+    cc.args(defines.iter().map(|define| format!("-D{define}")))
         .arg("-I")
         .arg(sources().join("../../shield-api/include"))
         .arg(sources().join("c/rule.c"))
-        .arg("-lm")
-        .output()
-        .unwrap();
+        .args(link)
+        .arg("-lm");
+    succeed(&mut cc);
+}
+
+/// Builds a library from C that is no plugin; its name for the linker is that of its file.
+pub fn compile_c(path: &Path, source: &str) {
+    let file = path.with_extension("c");
+    fs::write(&file, source).unwrap();
+    let name = path.file_name().unwrap().to_str().unwrap();
+    succeed(shared_library(path).arg(format!("-Wl,-soname,{name}")).arg(&file));
+    fs::remove_file(file).unwrap();
+}
+
+fn shared_library(path: &Path) -> Command {
+    let mut cc = Command::new("cc");
+    cc.args(["-std=c11", "-Wall", "-Wextra", "-O1", "-fPIC", "-shared", "-o"]).arg(path);
+    cc
+}
+
+fn succeed(command: &mut Command) {
+    let output = command.output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    path
 }
 
 /// The error of loading the library at `path`; panics if it loads.

@@ -12,4 +12,6 @@ mod instances;
 mod isolated;
 mod isolated_runs;
 mod misbehaving;
+mod pinned;
 mod scanning;
+mod trust;

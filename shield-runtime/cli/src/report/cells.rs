@@ -5,10 +5,7 @@ use base64::{Engine, prelude::BASE64_STANDARD};
 use shield_api::{Environment, Frame, Setup, Space};
 use shield_config::experiment::{Experiment, ExperimentFile};
 use shield_host::plugin::{LoadedEnvironment, Registry, Selection, host_without_metrics};
-use shield_report::{
-    film::Picture,
-    report::{Places, Record, VariantRecord},
-};
+use shield_report::report::{Picture, Places, Record, VariantRecord};
 
 use super::super::output;
 

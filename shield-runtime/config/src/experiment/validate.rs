@@ -58,7 +58,7 @@ pub(super) fn folder_name(path: &str, name: &str) -> Checked {
 }
 
 /// Says why a name cannot be a folder's on every system, if it cannot.
-pub(crate) fn check_folder_name(name: &str) -> Result<(), String> {
+pub fn check_folder_name(name: &str) -> Result<(), String> {
     let forbidden = |character: char| character.is_control() || "/\\:*?\"<>|".contains(character);
     let trimmed = name.trim_end_matches('.').trim();
     if !name.is_empty() && trimmed == name && !name.contains(forbidden) {

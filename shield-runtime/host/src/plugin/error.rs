@@ -8,7 +8,7 @@ use shield_api::{
 };
 use thiserror::Error;
 
-use super::{Kind, trust::ALLOW_WRITABLE};
+use super::{Distrust, Kind, trust::ALLOW_WRITABLE};
 
 /// Why a plugin cannot be used. Each message names the file, the values that disagree, and what helps.
 #[derive(Debug, Clone, PartialEq, Eq, Error)]
@@ -66,13 +66,18 @@ pub enum PluginError {
         id: String,
     },
     /// Others on this machine could have replaced the library.
-    #[error("{}: {} is writable by every user of this machine, so that anyone could decide what runs here; take that \
-             right away (`chmod o-w`), or set {}=1 if you trust them all", path.display(), writable.display(), ALLOW_WRITABLE)]
-    Writable {
+    #[error("{}: {distrust}, or set {}=1 if you trust everyone on this machine", path.display(), ALLOW_WRITABLE)]
+    Untrusted {
         /// The library.
         path: PathBuf,
-        /// The file, or the folder that it is in.
-        writable: PathBuf,
+        /// Where on the way to it, and who.
+        distrust: Distrust,
+    },
+    /// Somebody wrote into the library, or put another in its place, while it was read or after it was loaded.
+    #[error("{}: has changed since this program opened it; start the program again once the file stays as it is", path.display())]
+    Changed {
+        /// The library.
+        path: PathBuf,
     },
     /// The library is not the one that the experiment pins.
     #[error("{}: its SHA-256 is {found}, but the experiment pins {id:?} to {pinned}; nothing of it was executed. Bring the \

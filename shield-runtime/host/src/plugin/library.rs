@@ -1,10 +1,12 @@
 //! One loaded library: its file is read first, then opened, then every table of it is checked, and only then called.
 
 mod c_door;
+mod load;
+mod neighbours;
 mod rust_door;
 mod tables;
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use shield_api::{
     abi::{AbortRuleTable, EnvironmentTable, LearnerTable, PolicyTable, ResetTaskTable},
@@ -14,14 +16,14 @@ use shield_api::{
 pub(super) use self::tables::{FunctionTable, function_table};
 use super::{
     Kind, PluginError,
-    manifest::{Language, check_manifests, read_manifests, refuse_aborting},
-    trust::check_writable,
+    file::{LibraryFile, check_pin},
+    manifest::{Language, check_manifests, manifests_in, refuse_aborting},
 };
 
 /// A library whose tables were checked. It stays in the process for ever: instances and tables point into it.
 #[derive(Debug)]
 pub struct Library {
-    path: PathBuf,
+    file: LibraryFile,
     plugins: Vec<LoadedPlugin>,
 }
 
@@ -77,41 +79,53 @@ impl Library {
     /// # Errors
     /// Each way in which the file, its manifest, its doors or its tables can be wrong is one case of [`PluginError`].
     pub fn load(path: &Path) -> Result<Self, PluginError> {
-        Self::enter(path, refuse_aborting)
+        Self::from_file(LibraryFile::open_trusted(path)?, false)
     }
 
-    /// Loads the library at `path` into a process that may end: one that was built with `panic = "abort"` is welcome.
+    /// Loads what is in an open file. If its hash was compared with a pin, nothing else than what was hashed is executed.
+    pub(super) fn from_file(file: LibraryFile, is_pinned: bool) -> Result<Self, PluginError> {
+        Self::enter(file, is_pinned, refuse_aborting)
+    }
+
+    /// Loads the library at `path` into a process that may end: one that was built with `panic = "abort"` is welcome. `pinned` is the SHA-256 that
+    /// the plugin `id` must have.
     ///
     /// # Errors
-    /// As for [`load`](Self::load).
-    pub(super) fn load_isolated(path: &Path) -> Result<Self, PluginError> {
-        Self::enter(path, |_, _| Ok(()))
+    /// As for [`load`](Self::load); the file has another hash.
+    pub(super) fn load_isolated(path: &Path, id: &str, pinned: Option<&str>) -> Result<Self, PluginError> {
+        let file = LibraryFile::open_trusted(path)?;
+        if let Some(pinned) = pinned {
+            check_pin(id, pinned, &file)?;
+        }
+        Self::enter(file, pinned.is_some(), |_, _| Ok(()))
     }
 
     fn enter(
-        path: &Path,
+        file: LibraryFile,
+        is_pinned: bool,
         check: impl Fn(&Path, &[Manifest]) -> Result<(), PluginError>,
     ) -> Result<Self, PluginError> {
-        // The system's loader would look for a bare name in its own folders.
-        let path = path
-            .canonicalize()
-            .map_err(|error| PluginError::Unreadable { path: path.into(), reason: error.to_string() })?;
-        let manifests = read_manifests(&path)?;
-        let language = check_manifests(&path, &manifests)?;
-        check(&path, &manifests)?;
-        check_writable(&path)?;
-        let opened = open(&path)?;
+        let path = file.path();
+        let manifests = manifests_in(&file)?;
+        let language = check_manifests(path, &manifests)?;
+        check(path, &manifests)?;
+        let opened = load::open(&file, is_pinned)?;
         let list = match language {
-            Language::Rust => rust_door::enter(&path, opened)?,
-            Language::C => c_door::enter(&path, opened)?,
+            Language::Rust => rust_door::enter(path, opened)?,
+            Language::C => c_door::enter(path, opened)?,
         };
-        let plugins = tables::check_library(&path, list, manifests)?;
-        Ok(Self { path, plugins })
+        let plugins = tables::check_library(path, list, manifests)?;
+        Ok(Self { file, plugins })
     }
 
     /// The file, as a canonical path.
     pub fn path(&self) -> &Path {
-        &self.path
+        self.file.path()
+    }
+
+    /// The file that was loaded.
+    pub(super) fn file(&self) -> &LibraryFile {
+        &self.file
     }
 
     /// What the plugins of the library say of themselves.
@@ -125,7 +139,7 @@ impl Library {
         if let Some(table) = named().find_map(|plugin| T::pick(plugin.table)) {
             return Ok(table);
         }
-        let (path, id) = (self.path.clone(), id.to_string());
+        let (path, id) = (self.path().to_owned(), id.to_string());
         Err(match named().next() {
             Some(other) => PluginError::WrongKind { path, id, found: other.kind, wanted: T::KIND },
             None => {
@@ -133,27 +147,5 @@ impl Library {
                 PluginError::NotInFile { path, id, present }
             }
         })
-    }
-}
-
-/// Opens the library for ever. All symbols are bound at once: bound lazily, an undefined one would end the process at its first
-/// call. None is visible to other libraries.
-fn open(path: &Path) -> Result<&'static libloading::Library, PluginError> {
-    #[cfg(unix)]
-    // SAFETY: the library's initialisers run. Its manifest asks to be loaded as a plugin, which is what the user named.
-    let opened = unsafe {
-        use libloading::os::unix::{Library, RTLD_LOCAL, RTLD_NOW};
-        Library::open(Some(path), RTLD_NOW | RTLD_LOCAL).map(libloading::Library::from)
-    };
-    #[cfg(not(unix))]
-    // SAFETY: as above.
-    let opened = unsafe { libloading::Library::new(path) };
-    match opened {
-        Ok(library) => Ok(Box::leak(Box::new(library))),
-        Err(error) => {
-            // The system's sentence is in the source; the error itself only names the function that failed.
-            let cause = std::error::Error::source(&error).map(ToString::to_string);
-            Err(PluginError::Open { path: path.into(), reason: cause.unwrap_or_else(|| error.to_string()) })
-        }
     }
 }

@@ -1,6 +1,6 @@
 //! Reading manifests from a file without loading it: nothing of the file is executed.
 
-use std::{fs::File, path::Path};
+use std::path::Path;
 
 use object::{Object, ObjectSection, ReadCache};
 use shield_api::{
@@ -8,22 +8,22 @@ use shield_api::{
     manifest::{Manifest, SECTION, decode_section},
 };
 
-use super::{Kind, PluginError};
+use super::{Kind, PluginError, file::LibraryFile};
 
 /// The manifests of all plugins in the library at `path`. Reads the file's headers and one section, not the whole file.
 ///
 /// # Errors
 /// The file cannot be read, is not a complete library, or has no manifest that can be understood.
 pub fn read_manifests(path: &Path) -> Result<Vec<Manifest>, PluginError> {
-    let unreadable =
-        |error: std::io::Error| PluginError::Unreadable { path: path.into(), reason: error.to_string() };
+    manifests_in(&LibraryFile::open(path)?)
+}
+
+/// As [`read_manifests`].
+pub(super) fn manifests_in(file: &LibraryFile) -> Result<Vec<Manifest>, PluginError> {
+    let path = file.path();
     let not_a_library =
         |error: object::Error| PluginError::NotALibrary { path: path.into(), reason: error.to_string() };
-    let file = File::open(path).map_err(unreadable)?;
-    if !file.metadata().map_err(unreadable)?.is_file() {
-        return Err(PluginError::Unreadable { path: path.into(), reason: "it is not a file".into() });
-    }
-    let cache = ReadCache::new(file);
+    let cache = ReadCache::new(file.file());
     let object = object::File::parse(&cache).map_err(not_a_library)?;
     let section =
         object.section_by_name(SECTION).ok_or_else(|| PluginError::NoManifest { path: path.into() })?;

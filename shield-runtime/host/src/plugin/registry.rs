@@ -8,15 +8,16 @@ use std::{
     sync::{Arc, Mutex, PoisonError},
 };
 
-use shield_api::Setup;
+use shield_api::{Setup, manifest::Manifest, regular_file};
 
 use super::{
     Entry, Identity, Kind, LoadedAbortRule, LoadedEnvironment, LoadedLearner, LoadedPolicy, LoadedResetTask,
     PluginError, SearchPath, Selection, Skipped,
+    file::{Fingerprints, LibraryFile, unreadable},
     isolated::{IsolatedEnvironment, IsolatedPolicy, Isolation},
     library::{KindTable, Library},
-    manifest::{check_manifests, read_manifests, refuse_aborting},
-    trust::{Fingerprints, check_writable},
+    manifest::{check_manifests, manifests_in, read_manifests, refuse_aborting},
+    trust::check_trust,
 };
 
 /// The plugins of a search path, and the libraries that were loaded so far. Several threads may use one registry.
@@ -39,10 +40,7 @@ impl Registry {
             match libraries_in(folder) {
                 Ok(paths) => {
                     registry.searched.push(folder.display().to_string());
-                    paths
-                        .iter()
-                        .filter(|path| seen.insert((*path).clone()))
-                        .for_each(|path| registry.add(path));
+                    paths.iter().for_each(|path| registry.add(path, &mut seen));
                 }
                 Err(error) if error.kind() == std::io::ErrorKind::NotFound => {
                     registry.searched.push(format!("{} (no such folder)", folder.display()));
@@ -57,25 +55,37 @@ impl Registry {
         registry
     }
 
-    fn add(&mut self, path: &Path) {
-        let skipped = |ids, reason| Skipped { path: path.into(), ids, reason };
-        let manifests = match read_manifests(path) {
-            Ok(manifests) => manifests,
-            Err(reason) => return self.skipped.push(skipped(Vec::new(), reason)),
-        };
-        let is_known = |entry: &Entry| manifests.iter().any(|manifest| manifest.id == entry.manifest.id);
-        if self.entries.iter().any(|entry| is_known(entry) && is_same_content(&entry.path, path)) {
+    /// Adds the library that the search path has as `named`, unless the file it leads to was `seen`.
+    fn add(&mut self, named: &Path, seen: &mut HashSet<PathBuf>) {
+        // A dangling link stays as it is and is reported as unreadable.
+        let path = named.canonicalize().unwrap_or_else(|_| named.into());
+        if seen.contains(named) || seen.contains(&path) {
             return;
         }
-        let checked = check_manifests(path, &manifests)
-            .and_then(|_| refuse_aborting(path, &manifests))
-            .and_then(|()| check_writable(path));
+        let mut skip = |ids, reason| {
+            // Another way to the same file may be trusted.
+            let is_way = matches!(reason, PluginError::Untrusted { .. });
+            seen.insert(if is_way { named.into() } else { path.clone() });
+            self.skipped.push(Skipped { path: named.into(), ids, reason });
+        };
+        let manifests = match read_manifests(&path) {
+            Ok(manifests) => manifests,
+            Err(reason) => return skip(Vec::new(), reason),
+        };
+        let is_known = |entry: &Entry| manifests.iter().any(|manifest| manifest.id == entry.manifest.id);
+        if self.entries.iter().any(|entry| is_known(entry) && is_same_content(&entry.path, &path)) {
+            return;
+        }
+        let checked = check_manifests(&path, &manifests)
+            .and_then(|_| refuse_aborting(&path, &manifests))
+            .and_then(|()| check_trust(named));
         if let Err(reason) = checked {
             let ids = manifests.into_iter().map(|manifest| manifest.id).collect();
-            return self.skipped.push(skipped(ids, reason));
+            return skip(ids, reason);
         }
         // The kinds were checked above.
-        self.entries.extend(manifests.into_iter().filter_map(|manifest| Entry::new(path, manifest).ok()));
+        self.entries.extend(manifests.into_iter().filter_map(|manifest| Entry::new(&path, manifest).ok()));
+        seen.insert(path);
     }
 
     /// Every plugin that was found, in the order of the search path; also those whose id is taken twice.
@@ -236,8 +246,7 @@ impl Registry {
         setup: &Setup,
         isolation: Isolation,
     ) -> Result<IsolatedEnvironment, PluginError> {
-        let path = self.pinned_file(choice, Kind::Environment)?;
-        IsolatedEnvironment::create(&choice.id, &path, config, setup, isolation)
+        IsolatedEnvironment::create(&self.located(choice, Kind::Environment)?, config, setup, isolation)
     }
 
     /// A policy in a process of its own.
@@ -251,8 +260,7 @@ impl Registry {
         setup: &Setup,
         isolation: Isolation,
     ) -> Result<IsolatedPolicy, PluginError> {
-        let path = self.pinned_file(choice, Kind::Policy)?;
-        IsolatedPolicy::create(&choice.id, &path, config, setup, isolation)
+        IsolatedPolicy::create(&self.located(choice, Kind::Policy)?, config, setup, isolation)
     }
 
     /// The file of the plugin that a choice means, and what it says of itself there. Executes nothing.
@@ -261,26 +269,30 @@ impl Registry {
     /// No file holds it, or the file cannot be read.
     pub fn entry(&self, choice: &Selection, kind: Kind) -> Result<Entry, PluginError> {
         let path = self.file(choice, kind)?;
-        let mut manifests = read_manifests(&path)?;
-        match manifests.iter().position(|manifest| manifest.id == choice.id) {
-            Some(position) => Entry::new(&path, manifests.swap_remove(position)),
-            None => {
-                let present = manifests.into_iter().map(|manifest| manifest.id).collect();
-                Err(PluginError::NotInFile { path, id: choice.id.clone(), present })
-            }
+        match self.loaded(&path) {
+            Some(library) => entry_of(choice, &path, library.manifests().cloned().collect()),
+            None => entry_of(choice, &path, read_manifests(&path)?),
         }
     }
 
-    /// Which plugin a choice means, exactly. Executes nothing.
+    /// Which plugin a choice means, exactly: of a library that is loaded already, what was loaded. Executes nothing.
     ///
     /// # Errors
     /// As for [`entry`](Self::entry).
     pub fn identify(&self, choice: &Selection, kind: Kind) -> Result<Identity, PluginError> {
-        let Entry { manifest, path, .. } = self.entry(choice, kind)?;
+        let path = self.file(choice, kind)?;
+        let (manifests, sha256) = match self.loaded(&path) {
+            Some(library) => (library.manifests().cloned().collect(), self.fingerprints.of(library.file())?),
+            None => {
+                let file = LibraryFile::open(&path)?;
+                (manifests_in(&file)?, self.fingerprints.of(&file)?)
+            }
+        };
+        let Entry { manifest, .. } = entry_of(choice, &path, manifests)?;
         Ok(Identity {
             kind: kind.name(),
             interface: format!("{}.{}", manifest.abi.0, manifest.abi.1),
-            sha256: self.fingerprints.of(&path)?,
+            sha256,
             id: manifest.id,
             version: manifest.version,
             language: manifest.language,
@@ -299,35 +311,49 @@ impl Registry {
         }
     }
 
-    /// The file of a plugin, if it is the one that the experiment pins.
-    fn pinned_file(&self, choice: &Selection, kind: Kind) -> Result<PathBuf, PluginError> {
+    /// The choice with its file, for another process to load. The process checks what it opens; checked here too, a fault is known before it starts.
+    fn located(&self, choice: &Selection, kind: Kind) -> Result<Selection, PluginError> {
         let path = self.file(choice, kind)?;
-        if let Some(pinned) = &choice.sha256 {
-            let found = self.fingerprints.of(&path)?;
-            if found != *pinned {
-                let id = choice.id.clone();
-                return Err(PluginError::NotPinned { path, id, pinned: pinned.clone(), found });
-            }
-        }
-        Ok(path)
+        self.fingerprints.check_pin(choice, &LibraryFile::open_trusted(&path)?)?;
+        Ok(choice.clone().at(path))
     }
 
     fn table<T: KindTable>(&self, choice: &Selection) -> Result<&'static T, PluginError> {
-        self.library(&self.pinned_file(choice, T::KIND)?)?.table(&choice.id)
+        self.library(choice, T::KIND)?.table(&choice.id)
     }
 
-    /// The library at `path`, loaded once.
-    fn library(&self, path: &Path) -> Result<Arc<Library>, PluginError> {
-        let path = path
-            .canonicalize()
-            .map_err(|error| PluginError::Unreadable { path: path.into(), reason: error.to_string() })?;
+    /// The library of a plugin, loaded once, if it is the one that the experiment pins.
+    fn library(&self, choice: &Selection, kind: Kind) -> Result<Arc<Library>, PluginError> {
+        let path = self.file(choice, kind)?;
+        let canonical = path.canonicalize().map_err(|error| unreadable(&path, &error))?;
         let mut libraries = self.libraries.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(library) = libraries.get(&path) {
+        if let Some(library) = libraries.get(&canonical) {
+            self.fingerprints.check_pin(choice, library.file())?;
             return Ok(library.clone());
         }
-        let library = Arc::new(Library::load(&path)?);
-        libraries.insert(path, library.clone());
+        let file = LibraryFile::open_trusted(&path)?;
+        self.fingerprints.check_pin(choice, &file)?;
+        let library = Arc::new(Library::from_file(file, choice.sha256.is_some())?);
+        libraries.insert(library.path().to_owned(), library.clone());
         Ok(library)
+    }
+
+    /// The library at `path`, if it is loaded.
+    fn loaded(&self, path: &Path) -> Option<Arc<Library>> {
+        let canonical = path.canonicalize().ok()?;
+        let libraries = self.libraries.lock().unwrap_or_else(PoisonError::into_inner);
+        libraries.get(&canonical).cloned()
+    }
+}
+
+/// What the plugin that is meant says of itself.
+fn entry_of(choice: &Selection, path: &Path, mut manifests: Vec<Manifest>) -> Result<Entry, PluginError> {
+    match manifests.iter().position(|manifest| manifest.id == choice.id) {
+        Some(position) => Entry::new(path, manifests.swap_remove(position)),
+        None => {
+            let present = manifests.into_iter().map(|manifest| manifest.id).collect();
+            Err(PluginError::NotInFile { path: path.into(), id: choice.id.clone(), present })
+        }
     }
 }
 
@@ -336,10 +362,10 @@ fn is_same_content(left: &Path, right: &Path) -> bool {
     let length = |path| fs::metadata(path).map(|data| data.len()).ok();
     same_file::is_same_file(left, right).unwrap_or(false)
         || length(left) == length(right)
-            && matches!((fs::read(left), fs::read(right)), (Ok(left), Ok(right)) if left == right)
+            && matches!((regular_file::read(left), regular_file::read(right)), (Ok(left), Ok(right)) if left == right)
 }
 
-/// The libraries directly in a folder, as canonical paths in the order of their names. The host itself as a library for C, which lies
+/// The libraries directly in a folder, in the order of their names. The host itself as a library for C, which lies
 /// beside its plugins, is left out: it would be passed over in every list.
 fn libraries_in(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
     let host = format!("{DLL_PREFIX}shield_runtime{DLL_SUFFIX}");
@@ -351,8 +377,7 @@ fn libraries_in(folder: &Path) -> std::io::Result<Vec<PathBuf>> {
             .and_then(|name| name.to_str())
             .is_some_and(|name| name.ends_with(DLL_SUFFIX) && name != host);
         if is_library && !path.is_dir() {
-            // A dangling link stays as it is and is reported as unreadable.
-            paths.push(path.canonicalize().unwrap_or(path));
+            paths.push(path);
         }
     }
     paths.sort();

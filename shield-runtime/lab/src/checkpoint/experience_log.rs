@@ -10,6 +10,7 @@ use std::{
 
 use crc32fast::Hasher;
 use serde::{Deserialize, Serialize};
+use shield_api::regular_file;
 
 use shield_config::growing_file;
 use shield_config::state_file::{CheckpointError, Result, sync_folder};
@@ -143,7 +144,7 @@ impl ExperienceLog {
             let path = segment.path(folder);
             let failed = |error| CheckpointError::io(&path, error);
             let torn = |what| CheckpointError::Torn { path: path.clone(), what };
-            let mut file = File::open(&path).map_err(failed)?;
+            let mut file = regular_file::open(&path).map_err(failed)?;
             let mut hasher = Hasher::new();
             let mut block = Vec::new();
             let mut next = segment.first;

@@ -7,6 +7,7 @@ use std::{
 };
 
 use anyhow::{Context, Result, bail};
+use shield_api::regular_file;
 
 use super::{
     new_folder::NewFolder,
@@ -130,7 +131,7 @@ impl RunFolder {
     /// There is none: the folder is not that of a run.
     pub fn config(&self) -> Result<String> {
         let path = self.path.join("config.ron");
-        fs::read_to_string(&path).with_context(|| format!("{} cannot be read", path.display()))
+        regular_file::read_to_string(&path).with_context(|| format!("{} cannot be read", path.display()))
     }
 
     /// The summary; `None` before the run's first end.
@@ -139,7 +140,7 @@ impl RunFolder {
     /// It cannot be read or is not a summary.
     pub fn summary(&self) -> Result<Option<Summary>> {
         let path = self.path.join("summary.json");
-        let bytes = match fs::read(&path) {
+        let bytes = match regular_file::read(&path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
             bytes => bytes.with_context(|| format!("{} cannot be read", path.display()))?,
         };

@@ -1,9 +1,10 @@
 //! How a run went, at equal distances.
 
-use std::{fs::File, path::Path};
+use std::path::Path;
 
 use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
+use shield_api::regular_file;
 
 /// Into how many parts of equal length a run is cut.
 const PARTS: u64 = 50;
@@ -111,7 +112,7 @@ impl Course {
 
 /// The rows of a table; further columns are passed over.
 fn rows<R: DeserializeOwned>(path: &Path) -> Result<Vec<R>> {
-    let file = File::open(path).with_context(|| format!("{} cannot be read", path.display()))?;
+    let file = regular_file::open(path).with_context(|| format!("{} cannot be read", path.display()))?;
     let rows: Result<Vec<R>, _> = csv::Reader::from_reader(file).into_deserialize().collect();
     rows.with_context(|| format!("{} is damaged", path.display()))
 }

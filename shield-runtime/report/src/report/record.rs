@@ -1,19 +1,19 @@
 //! What the runs of an experiment came to, small enough to be kept beside it.
 
-use std::{collections::BTreeMap, fs, path::Path};
+use std::{collections::BTreeMap, path::Path};
 
 use anyhow::{Context, Result, anyhow, bail};
 use serde::{Deserialize, Serialize};
+use shield_api::regular_file;
 
 use super::{
     check,
     course::{Course, EvaluationCourse},
     places::Places,
 };
-use shield_config::experiment::{Difference, ExperimentFile, differences};
+use shield_config::experiment::{Difference, Experiment, ExperimentFile, PluginChoice, differences};
 use shield_lab::{
     checkpoint::PluginVersion,
-    experiment::{Difference, Experiment, ExperimentFile, PluginChoice, differences},
     run::{Order, RunFolder, Summary, of_folder, write_in_folder},
 };
 
@@ -115,7 +115,8 @@ impl Record {
         check::run(&run).map_err(|reason| anyhow!("{} is damaged: {reason}", path.display()))?;
         let config = folder.config()?;
         let plugins = path.join("plugins.json");
-        let text = fs::read(&plugins).with_context(|| format!("{} cannot be read", plugins.display()))?;
+        let text =
+            regular_file::read(&plugins).with_context(|| format!("{} cannot be read", plugins.display()))?;
         let plugins = serde_json::from_slice(&text)
             .with_context(|| format!("{} is not a list of plugins", plugins.display()))?;
         let known = self.variants.iter_mut().find(|variant| variant.name == identity.variant);
@@ -143,7 +144,7 @@ impl Record {
     /// # Errors
     /// It cannot be read, is none, or is damaged.
     pub fn read(path: &Path) -> Result<Self> {
-        let bytes = fs::read(path).with_context(|| format!("{} cannot be read", path.display()))?;
+        let bytes = regular_file::read(path).with_context(|| format!("{} cannot be read", path.display()))?;
         let record = serde_json::from_slice(&bytes)
             .with_context(|| format!("{} is not a record of runs", path.display()))?;
         check::record(&record).map_err(|reason| anyhow!("{} is damaged: {reason}", path.display()))?;

@@ -2,7 +2,6 @@
 
 use std::{
     cell::RefCell,
-    path::Path,
     sync::{
         Arc,
         atomic::{AtomicBool, Ordering},
@@ -19,7 +18,7 @@ use super::{
     host::{Isolated, checkpoint},
     protocol::{self, Created, IsolatedKind, Operation},
 };
-use crate::plugin::PluginError;
+use crate::plugin::{PluginError, Selection};
 
 /// An environment behind shared memory.
 #[derive(Debug)]
@@ -34,13 +33,13 @@ pub struct IsolatedEnvironment {
 
 impl IsolatedEnvironment {
     pub(in crate::plugin) fn create(
-        id: &str,
-        path: &Path,
+        choice: &Selection,
         config: &str,
         setup: &Setup,
         isolation: Isolation,
     ) -> Result<Self, PluginError> {
-        let mut isolated = Isolated::start(IsolatedKind::Environment, id, path, config, setup, isolation)?;
+        let id = choice.id.as_str();
+        let mut isolated = Isolated::start(IsolatedKind::Environment, choice, config, setup, isolation)?;
         let failed =
             |message: String| PluginError::Create { id: id.into(), kind: ErrorKind::Failed, message };
         let created: Created = ron::from_str(&protocol::read_text(isolated.memory()))

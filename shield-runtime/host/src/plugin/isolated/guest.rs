@@ -178,8 +178,8 @@ impl Instance {
 }
 
 fn make(creation: Creation) -> Result<(Instance, Spaces), PluginError> {
-    let Creation { kind, id, path, config, seed, threads, spaces, .. } = creation;
-    let library = Library::load_isolated(&path)?;
+    let Creation { kind, id, path, sha256, config, seed, threads, spaces, .. } = creation;
+    let library = Library::load_isolated(&path, &id, sha256.as_deref())?;
     match (kind, spaces) {
         (IsolatedKind::Policy, Some(spaces)) => {
             let spaces = Spaces::from(spaces);

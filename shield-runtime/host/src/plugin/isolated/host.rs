@@ -9,7 +9,7 @@ use super::{
     Isolation, MOST_FAILURES, OnFailure, program,
     protocol::{self, Creation, IsolatedKind, Operation},
 };
-use crate::plugin::{PluginError, ffi::while_creating};
+use crate::plugin::{PluginError, Selection, ffi::while_creating};
 
 /// One instance in a process of its own.
 #[derive(Debug)]
@@ -25,22 +25,23 @@ pub(super) struct Isolated {
 }
 
 impl Isolated {
-    /// Starts a process and makes the instance in it; the answer lies in the text of the memory.
+    /// Starts a process and makes the instance in it, of the file that the choice names; the answer lies in the text of the memory.
     pub(super) fn start(
         kind: IsolatedKind,
-        id: &str,
-        path: &std::path::Path,
+        choice: &Selection,
         config: &str,
         setup: &Setup,
         isolation: Isolation,
     ) -> Result<Self, PluginError> {
+        let id = choice.id.as_str();
         let failed =
             |message: String| PluginError::Create { id: id.into(), kind: ErrorKind::Failed, message };
         let creation = Creation {
             version: env!("CARGO_PKG_VERSION").into(),
             kind,
             id: id.into(),
-            path: path.into(),
+            path: choice.path.clone().unwrap_or_default(),
+            sha256: choice.sha256.clone(),
             config: config.into(),
             seed: setup.seed,
             threads: setup.threads,

@@ -1,6 +1,6 @@
 //! A policy in a process of its own.
 
-use std::{cell::RefCell, path::Path};
+use std::cell::RefCell;
 
 use shield_api::{Policy, Result, Setup, Spaces, check_finite, check_length};
 
@@ -10,7 +10,7 @@ use super::{
     host::{Isolated, checkpoint},
     protocol::{self, IsolatedKind, Operation},
 };
-use crate::plugin::{PluginError, ffi::spaces};
+use crate::plugin::{PluginError, Selection, ffi::spaces};
 
 /// A policy behind shared memory.
 #[derive(Debug)]
@@ -21,14 +21,13 @@ pub struct IsolatedPolicy {
 
 impl IsolatedPolicy {
     pub(in crate::plugin) fn create(
-        id: &str,
-        path: &Path,
+        choice: &Selection,
         config: &str,
         setup: &Setup,
         isolation: Isolation,
     ) -> Result<Self, PluginError> {
-        let spaces = spaces(id, setup)?;
-        let isolated = Isolated::start(IsolatedKind::Policy, id, path, config, setup, isolation)?;
+        let spaces = spaces(&choice.id, setup)?;
+        let isolated = Isolated::start(IsolatedKind::Policy, choice, config, setup, isolation)?;
         Ok(Self { isolated: isolated.into(), spaces })
     }
 }

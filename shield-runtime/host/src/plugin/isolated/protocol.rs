@@ -66,6 +66,8 @@ pub(super) struct Creation {
     pub kind: IsolatedKind,
     pub id: String,
     pub path: PathBuf,
+    /// What the experiment pins the file to.
+    pub sha256: Option<String>,
     pub config: String,
     pub seed: u64,
     pub threads: usize,

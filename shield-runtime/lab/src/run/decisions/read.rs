@@ -1,12 +1,13 @@
 //! Reading decisions back.
 
-use std::{collections::HashMap, fs::File, path::Path};
+use std::{collections::HashMap, path::Path};
 
 use anyhow::{Context, Result, anyhow, ensure};
 use parquet::{
     file::reader::{FileReader, SerializedFileReader},
     record::Field,
 };
+use shield_api::regular_file;
 
 use crate::contained::contained;
 
@@ -98,7 +99,7 @@ pub fn read_decisions(run: &Path, mut take: impl FnMut(DecisionRow) -> Result<bo
 pub(super) fn read_part(part: &Path, take: &mut dyn FnMut(DecisionRow) -> Result<bool>) -> Result<bool> {
     let unreadable = || format!("{} cannot be read", part.display());
     let damaged = || format!("{} is damaged", part.display());
-    let file = File::open(part).with_context(unreadable)?;
+    let file = regular_file::open(part).with_context(unreadable)?;
     let reader =
         contained(|| SerializedFileReader::new(file)).with_context(damaged)?.with_context(damaged)?;
     let schema = reader.metadata().file_metadata().schema_descr();
