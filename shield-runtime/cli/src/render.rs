@@ -134,7 +134,7 @@ fn stop_on_ctrl_c() {
         }
     });
     if let Err(error) = installed {
-        eprintln!("warning: Ctrl-C leaves an unfinished file behind: {error}");
+        output::message(format_args!("warning: Ctrl-C leaves an unfinished file behind: {error}"));
     }
 }
 
