@@ -281,7 +281,7 @@ fn a_folder_with_something_else_is_no_run_to_begin_in() {
 fn unfinished_runs(seeds: u64) -> TempDir {
     let home = tempfile::tempdir().unwrap();
     fs::write(home.path().join("x.ron"), short()).unwrap();
-    let variants = ExperimentFile::read(&home.path().join("x.ron")).unwrap().variants(&[], None).unwrap();
+    let variants = ExperimentFile::read(home.path().join("x.ron")).unwrap().variants(&[], None).unwrap();
     let variant = &variants[0];
     for seed in 0..seeds {
         let identity = Identity { experiment: "small".into(), variant: variant.name.clone(), seed };
