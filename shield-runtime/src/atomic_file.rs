@@ -62,6 +62,15 @@ impl AtomicFile {
         self.temporary.persist(&self.target)?;
         Ok(())
     }
+
+    /// Gives the file its name if nothing has it. Of several programs that do so at once, one succeeds.
+    ///
+    /// # Errors
+    /// Something has that name, or the folder cannot be written.
+    pub(crate) fn commit_new(self) -> io::Result<()> {
+        self.temporary.persist_noclobber(&self.target)?;
+        Ok(())
+    }
 }
 
 impl Write for AtomicFile {

@@ -5,7 +5,9 @@
 
 mod experience_log;
 pub(crate) mod file;
+mod lock;
 mod store;
 
+pub(crate) use file::BEGIN_ANEW;
 pub use file::CheckpointError;
-pub use store::{CheckpointStore, PluginVersion, Provenance, Saved, last_checkpoint};
+pub use store::{CheckpointStore, LockedCheckpoints, PluginVersion, Provenance, Saved, last_checkpoint};

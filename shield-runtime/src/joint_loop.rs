@@ -46,8 +46,8 @@ pub struct JointLoop<'a> {
     /// Whose episode it is, or the next one.
     turn: AgentRole,
     is_interrupted: bool,
-    /// Steps before the last checkpoint; 0 before the first.
-    last_checkpoint: u64,
+    /// Steps before the last checkpoint; `None` before the first.
+    last_checkpoint: Option<u64>,
     proposed: Vec<f32>,
     action: Vec<f32>,
     previous: Vec<f32>,
@@ -91,7 +91,7 @@ impl<'a> JointLoop<'a> {
             start: Start::New,
             turn: AgentRole::Forward,
             is_interrupted: false,
-            last_checkpoint: 0,
+            last_checkpoint: None,
         }
     }
 

@@ -20,9 +20,15 @@ fn kills() -> u32 {
     std::env::var("SHIELD_TEST_KILLS").map_or(5, |number| number.parse().unwrap())
 }
 
-fn command(folder: &Path) -> Command {
+/// The command again, as the program advises: a run that was killed before its first checkpoint must be begun anew.
+fn command(folder: &Path, run: &Path) -> Command {
     let mut command = shield();
     command.current_dir(folder).args(["run", "x.ron", "--seeds", "0"]);
+    let has_checkpoint =
+        ["latest.bin", "previous.bin"].iter().any(|file| run.join("checkpoint").join(file).exists());
+    if run.join("config.ron").exists() && !has_checkpoint {
+        command.arg("--overwrite");
+    }
     command.stdout(Stdio::null()).stderr(Stdio::from(fs::File::create(folder.join("stderr")).unwrap()));
     command
 }
@@ -63,12 +69,14 @@ fn survives(experiment: &str, name: &str) {
         fs::write(home.path().join("x.ron"), experiment).unwrap();
         home
     };
-    let results = |home: &Path| run_files(&home.join(format!("runs/{name}/default/seed-0")));
+    let run = |home: &Path| home.join(format!("runs/{name}/default/seed-0"));
+    let results = |home: &Path| run_files(&run(home));
+    let start_in = |home: &Path| command(home, &run(home)).spawn().unwrap();
     let calm = home();
     // The first start may build the program; only the second is measured.
     shield();
     let start = Instant::now();
-    assert!(ends_within(command(calm.path()).spawn().unwrap(), Duration::MAX), "{}", said(calm.path()));
+    assert!(ends_within(start_in(calm.path()), Duration::MAX), "{}", said(calm.path()));
     let whole = start.elapsed();
     let expected: BTreeMap<String, Vec<u8>> = results(calm.path());
 
@@ -80,7 +88,7 @@ fn survives(experiment: &str, name: &str) {
         loop {
             let patience =
                 if killed < kills() { whole.mul_f64(random.random_range(0.0..0.7)) } else { Duration::MAX };
-            let has_ended = ends_within(command(home.path()).spawn().unwrap(), patience);
+            let has_ended = ends_within(start_in(home.path()), patience);
             let before = steps_before(home.path());
             // It may have been killed before it could say from where it goes on.
             assert!(

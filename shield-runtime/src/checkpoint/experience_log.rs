@@ -3,7 +3,7 @@
 use std::{
     ffi::OsStr,
     fs::{self, File},
-    io::{Read, Write},
+    io::{self, Read, Write},
     ops::Range,
     path::{Path, PathBuf},
 };
@@ -141,6 +141,7 @@ impl ExperienceLog {
         for segment in &mark.segments {
             let path = segment.path(folder);
             let failed = |error| CheckpointError::io(&path, error);
+            let torn = |what| CheckpointError::Torn { path: path.clone(), what };
             let mut file = File::open(&path).map_err(failed)?;
             let mut hasher = Hasher::new();
             let mut block = Vec::new();
@@ -148,28 +149,38 @@ impl ExperienceLog {
             while next < segment.end() {
                 let rows = BLOCK_ROWS.min(segment.end() - next);
                 block.resize(rows as usize * row_bytes, 0);
-                file.read_exact(&mut block).map_err(failed)?;
+                file.read_exact(&mut block).map_err(|error| match error.kind() {
+                    io::ErrorKind::UnexpectedEof => torn("it ends too early"),
+                    _ => failed(error),
+                })?;
                 hasher.update(&block);
                 let forgotten = mark.kept.start.saturating_sub(next).min(rows);
                 experience.read_rows(next + forgotten, &block[forgotten as usize * row_bytes..]);
                 next += rows;
             }
             if hasher.finalize() != segment.crc {
-                return Err(CheckpointError::Torn { path, what: "its checksum is wrong" });
+                return Err(torn("its checksum is wrong"));
             }
         }
         Ok(())
     }
 
-    /// Goes on from a checkpoint's mark: what was appended after it is cut off.
-    pub fn reopen(folder: &Path, mark: &Mark, row_bytes: usize) -> Result<Self> {
+    /// Opens the segments to go on from a checkpoint's mark. Nothing changes before [`cut_back`](Self::cut_back).
+    pub fn reopen(folder: &Path, mark: &Mark) -> Result<Self> {
         let mut log = Self { segments: mark.segments.clone(), ..Self::new(folder) };
         if let Some(last) = log.segments.last() {
             let path = last.path(folder);
-            let file = growing_file::go_on(&path, last.rows * row_bytes as u64);
+            let file = growing_file::reopen(&path);
             log.file = Some(file.map_err(|error| CheckpointError::io(&path, error))?);
         }
         Ok(log)
+    }
+
+    /// Cuts off what was appended after the mark.
+    pub fn cut_back(&mut self, row_bytes: usize) -> Result<()> {
+        let (Some(last), Some(file)) = (self.segments.last(), &self.file) else { return Ok(()) };
+        growing_file::cut_back(file, last.rows * row_bytes as u64)
+            .map_err(|error| CheckpointError::io(&last.path(&self.folder), error))
     }
 }
 
@@ -248,7 +259,8 @@ mod tests {
         log.append(&experience).unwrap();
         let mut again = memory(100);
         ExperienceLog::read(folder.path(), &mark, &mut again).unwrap();
-        let mut log = ExperienceLog::reopen(folder.path(), &mark, again.row_bytes()).unwrap();
+        let mut log = ExperienceLog::reopen(folder.path(), &mark).unwrap();
+        log.cut_back(again.row_bytes()).unwrap();
         push(&mut again, 30);
         let mark = log.append(&again).unwrap();
         let mut read = memory(100);

@@ -75,16 +75,53 @@ pub enum CheckpointError {
         /// The folder of the checkpoints.
         path: PathBuf,
     },
+    /// A plugin refuses its state, or ended while it loaded it.
+    #[error("{path} is refused: {error}")]
+    Refused {
+        /// The file.
+        path: PathBuf,
+        /// What the plugin says.
+        error: shield_api::Error,
+    },
+    /// The lock is a link, a folder or a device.
+    #[error("{path} is not a regular file; a lock must be one")]
+    IrregularLock {
+        /// The lock.
+        path: PathBuf,
+    },
 }
+
+/// What helps where a run cannot go on.
+pub(crate) const BEGIN_ANEW: &str =
+    "move the run's folder aside, or begin anew with `shield run` and --overwrite, which removes the folder";
 
 impl CheckpointError {
     pub(crate) fn io(path: &Path, error: io::Error) -> Self {
         Self::Io { path: path.to_owned(), error }
     }
 
-    /// Whether the file itself is bad, so that the one before it may do.
+    /// Whether what was saved is bad, so that the checkpoint before it may do. A file that is missing or cannot be read is not: once that is
+    /// put right, this checkpoint is as good as ever. Neither is another version.
     pub fn is_damage(&self) -> bool {
-        matches!(self, Self::Io { .. } | Self::Foreign { .. } | Self::Version { .. } | Self::Torn { .. })
+        matches!(self, Self::Foreign { .. } | Self::Torn { .. } | Self::Refused { .. })
+    }
+
+    /// What the user can do about it.
+    pub fn remedy(&self) -> String {
+        match self {
+            Self::Io { error, .. } if error.kind() == io::ErrorKind::NotFound => {
+                format!("put the file back, or {BEGIN_ANEW}")
+            }
+            Self::Io { .. } => "remove the cause, then give the same command again".into(),
+            Self::Foreign { .. } | Self::Torn { .. } | Self::Refused { .. } => BEGIN_ANEW.into(),
+            Self::Version { .. } => {
+                format!("go on with the version of shield that wrote it, or {BEGIN_ANEW}")
+            }
+            Self::Plugin { .. } => format!("install the plugin that wrote it, or {BEGIN_ANEW}"),
+            Self::Config { .. } => format!("go on with the configuration of the run, or {BEGIN_ANEW}"),
+            Self::Busy { .. } => "wait until that process has ended".into(),
+            Self::IrregularLock { .. } => "remove it if no other process writes the run".into(),
+        }
     }
 }
 
@@ -190,11 +227,11 @@ mod tests {
     }
 
     #[test]
-    fn another_format_is_named() {
+    fn another_format_is_named_and_is_no_damage() {
         let (_folder, path, mut bytes) = written();
         bytes[8] = 9;
         fs::write(&path, &bytes).unwrap();
-        let error = read::<Vec<u32>>(&path).unwrap_err().to_string();
-        assert!(error.contains("format 9"), "{error}");
+        let error = read::<Vec<u32>>(&path).unwrap_err();
+        assert!(error.to_string().contains("format 9") && !error.is_damage(), "{error}");
     }
 }

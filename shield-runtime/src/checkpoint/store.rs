@@ -1,7 +1,8 @@
 //! The folder `checkpoint` of a run.
 
 use std::{
-    fs::{self, File, TryLockError},
+    fs::{self, File},
+    io,
     path::{Path, PathBuf},
 };
 
@@ -11,6 +12,7 @@ use serde::{Deserialize, Serialize};
 use super::{
     experience_log::{ExperienceLog, Mark},
     file::{self, CheckpointError, Result, sync_folder},
+    lock::lock,
 };
 use crate::{
     atomic_file::remove_leftovers,
@@ -67,6 +69,7 @@ pub struct CheckpointStore {
     provenance: Provenance,
     log: ExperienceLog,
     last_mark: Option<Mark>,
+    has_checkpoint: bool,
     /// Holds the lock.
     _lock: File,
 }
@@ -94,61 +97,43 @@ impl CheckpointStore {
         let lock = lock(&folder)?;
         clear(&[run, &folder])?;
         sync_folder(run)?;
-        Ok(Self { log: ExperienceLog::new(&folder), folder, provenance, last_mark: None, _lock: lock })
+        let log = ExperienceLog::new(&folder);
+        Ok(Self { folder, provenance, log, last_mark: None, has_checkpoint: false, _lock: lock })
     }
 
-    /// Refuses a run that another process is writing.
-    ///
-    /// # Errors
-    /// It is so.
-    pub fn ensure_free(run: &Path) -> Result<()> {
-        let folder = folder_of(run);
-        if folder.exists() { lock(&folder).map(drop) } else { Ok(()) }
+    /// Whether a checkpoint was written, or is gone on from.
+    pub fn has_checkpoint(&self) -> bool {
+        self.has_checkpoint
     }
 
-    /// Goes on from the last usable checkpoint of a run, if there is one, and fills `experience` from it. `warn` is told of a
-    /// checkpoint that is passed over.
+    /// Cuts back the experience that was written after the checkpoint from which the run goes on, and removes what a killed program left half
+    /// written.
     ///
     /// # Errors
-    /// Another process writes the run; a checkpoint belongs to another configuration or other plugins; a file cannot be cut back.
-    pub fn resume(
-        run: &Path,
-        provenance: Provenance,
-        experience: &mut Experience,
-        warn: &mut dyn FnMut(String),
-    ) -> Result<Option<(Self, Saved)>> {
-        let folder = folder_of(run);
-        if !folder.exists() {
-            return Ok(None);
-        }
-        let lock = lock(&folder)?;
-        clear(&[run, &folder])?;
-        for path in [latest(&folder), previous(&folder)] {
-            let usable = usable(&path, run, Some(&provenance)).and_then(|saved| {
-                let mark = saved.experience.as_ref();
-                mark.map_or(Ok(()), |mark| ExperienceLog::read(&folder, mark, experience))?;
-                Ok(saved)
-            });
-            match usable {
-                Ok(saved) => {
-                    make_latest(&folder, &path)?;
-                    let log = match &saved.experience {
-                        Some(mark) => ExperienceLog::reopen(&folder, mark, experience.row_bytes())?,
-                        None => ExperienceLog::new(&folder),
-                    };
-                    let last_mark = saved.experience.clone();
-                    let store = Self { folder, provenance, log, last_mark, _lock: lock };
-                    return Ok(Some((store, saved)));
-                }
-                Err(error) if error.is_damage() => {
-                    if path.exists() {
-                        warn(format!("a checkpoint is passed over: {error}"));
-                    }
-                }
-                Err(error) => return Err(error),
-            }
-        }
-        Ok(None)
+    /// A file cannot be cut back or removed.
+    pub fn cut_back(&mut self, row_bytes: usize) -> Result<()> {
+        self.log.cut_back(row_bytes)?;
+        self.folder.parent().map_or(Ok(()), |run| clear(&[run, &self.folder]))
+    }
+
+    /// Gives a refused checkpoint a name that no file has, and returns it: it may be good with another version of the plugin. The checkpoint
+    /// before then counts as the latest.
+    ///
+    /// # Errors
+    /// It cannot be renamed.
+    pub fn set_aside(&self, refused: &Path) -> Result<PathBuf> {
+        let mut number = 1;
+        let aside = loop {
+            let path = self.folder.join(format!("refused-{number}.bin"));
+            match path.symlink_metadata() {
+                Err(error) if error.kind() == io::ErrorKind::NotFound => break path,
+                found => found.map_err(|error| CheckpointError::io(&path, error))?,
+            };
+            number += 1;
+        };
+        fs::rename(refused, &aside).map_err(|error| CheckpointError::io(refused, error))?;
+        sync_folder(&self.folder)?;
+        Ok(aside)
     }
 
     /// Writes a checkpoint; the one before it is kept until the run is finished.
@@ -162,6 +147,7 @@ impl CheckpointStore {
             ToSave { provenance: &self.provenance, state: snapshot.state, recorder, experience: &experience };
         let (latest, previous) = (latest(&self.folder), previous(&self.folder));
         file::write(&latest, Some(&previous), &saved)?;
+        self.has_checkpoint = true;
         if is_finished && previous.exists() {
             fs::remove_file(&previous).map_err(|error| CheckpointError::io(&previous, error))?;
         }
@@ -174,45 +160,122 @@ impl CheckpointStore {
     }
 }
 
+/// The checkpoints of a run, while no other process can write it. Looking at them changes nothing.
+#[derive(Debug)]
+pub struct LockedCheckpoints {
+    run: PathBuf,
+    folder: PathBuf,
+    lock: File,
+}
+
+impl LockedCheckpoints {
+    /// Takes the lock of a run; `None` if it has no folder of checkpoints.
+    ///
+    /// # Errors
+    /// Another process writes the run, or the lock cannot be taken.
+    pub fn of(run: &Path) -> Result<Option<Self>> {
+        let folder = folder_of(run);
+        if !is_there(&folder)? {
+            return Ok(None);
+        }
+        let lock = lock(&folder)?;
+        Ok(Some(Self { run: run.to_owned(), folder, lock }))
+    }
+
+    /// The checkpoints that are there, the latest first.
+    ///
+    /// # Errors
+    /// The folder cannot be read.
+    pub fn paths(&self) -> Result<Vec<PathBuf>> {
+        paths(&self.folder)
+    }
+
+    /// Reads a checkpoint and holds it against what the run is now.
+    ///
+    /// # Errors
+    /// It is damaged or cannot be read, belongs to another configuration or other plugins, or a file of the run is not as long as it was.
+    pub fn read(&self, path: &Path, provenance: &Provenance) -> Result<Saved> {
+        let saved: Saved = file::read(path)?;
+        saved.ensure_same(path, provenance)?;
+        saved.recorder.check(&self.run)?;
+        Ok(saved)
+    }
+
+    /// Fills an empty `experience` up to a checkpoint.
+    ///
+    /// # Errors
+    /// It is damaged, or a file of it is missing or cannot be read.
+    pub fn fill(&self, saved: &Saved, experience: &mut Experience) -> Result<()> {
+        let mark = saved.experience.as_ref();
+        mark.map_or(Ok(()), |mark| ExperienceLog::read(&self.folder, mark, experience))
+    }
+
+    /// Opens what is needed to go on from a checkpoint. Nothing changes before [`CheckpointStore::cut_back`].
+    ///
+    /// # Errors
+    /// A file cannot be opened.
+    pub fn go_on(self, saved: &Saved, provenance: Provenance) -> Result<CheckpointStore> {
+        let Self { folder, lock, .. } = self;
+        let last_mark = saved.experience.clone();
+        let log = match &last_mark {
+            Some(mark) => ExperienceLog::reopen(&folder, mark)?,
+            None => ExperienceLog::new(&folder),
+        };
+        Ok(CheckpointStore { folder, provenance, log, last_mark, has_checkpoint: true, _lock: lock })
+    }
+}
+
 /// The last usable checkpoint of a run, to look at: nothing is written. The configuration is that of the run, not compared with any other.
 ///
 /// # Errors
-/// There is none; the message says why of the last one.
+/// There is none, and the message says why the latest one is not; or a file is missing or cannot be read.
 pub fn last_checkpoint(run: &Path) -> anyhow::Result<Saved> {
-    let folder = folder_of(run);
-    usable(&latest(&folder), run, None)
-        .or_else(|error| usable(&previous(&folder), run, None).map_err(|_| error))
+    first_usable(&folder_of(run))
         .with_context(|| format!("{} has no checkpoint from which the agents could be taken", run.display()))
 }
 
-/// Reads a checkpoint and holds it against what the run is now.
-fn usable(path: &Path, run: &Path, provenance: Option<&Provenance>) -> Result<Saved> {
-    let saved: Saved = file::read(path)?;
-    if let Some(now) = provenance {
-        if let Some(difference) = experiment::first_difference(&saved.provenance.config, &now.config) {
-            return Err(CheckpointError::Config {
-                path: path.to_owned(),
-                difference: difference.to_string(),
-            });
+fn first_usable(folder: &Path) -> Result<Saved> {
+    let mut passed_over = None;
+    for path in paths(folder)? {
+        match file::read(&path) {
+            Err(error) if error.is_damage() => passed_over = passed_over.or(Some(error)),
+            found => return found,
         }
-        let pairs = saved.provenance.plugins.iter().zip(&now.plugins);
+    }
+    let missing = || CheckpointError::io(&latest(folder), io::ErrorKind::NotFound.into());
+    Err(passed_over.unwrap_or_else(missing))
+}
+
+/// The checkpoints in a folder, the latest first. The last one may be missing: the program may have been killed between two renames.
+fn paths(folder: &Path) -> Result<Vec<PathBuf>> {
+    let mut paths = Vec::new();
+    for path in [latest(folder), previous(folder)] {
+        if is_there(&path)? {
+            paths.push(path);
+        }
+    }
+    Ok(paths)
+}
+
+fn is_there(path: &Path) -> Result<bool> {
+    path.try_exists().map_err(|error| CheckpointError::io(path, error))
+}
+
+impl Saved {
+    /// Refuses another configuration and other plugins.
+    fn ensure_same(&self, path: &Path, now: &Provenance) -> Result<()> {
+        let saved = &self.provenance;
+        if let Some(difference) = experiment::first_difference(&saved.config, &now.config) {
+            let difference = difference.to_string();
+            return Err(CheckpointError::Config { path: path.to_owned(), difference });
+        }
+        let pairs = saved.plugins.iter().zip(&now.plugins);
         if let Some((was, is)) = pairs.into_iter().find(|(was, is)| was != is) {
             let name = |plugin: &PluginVersion| format!("{} {}", plugin.id, plugin.version);
             return Err(CheckpointError::Plugin { path: path.to_owned(), was: name(was), is: name(is) });
         }
+        Ok(())
     }
-    saved.recorder.check(run)?;
-    Ok(saved)
-}
-
-/// After the latest checkpoint was passed over, the one before it takes its place.
-fn make_latest(folder: &Path, path: &Path) -> Result<()> {
-    let latest = latest(folder);
-    if path != latest {
-        fs::rename(path, &latest).map_err(|error| CheckpointError::io(path, error))?;
-        sync_folder(folder)?;
-    }
-    Ok(())
 }
 
 /// Removes what a killed program left half written. The lock must be held.
@@ -220,15 +283,4 @@ fn clear(folders: &[&Path]) -> Result<()> {
     folders
         .iter()
         .try_for_each(|folder| remove_leftovers(folder).map_err(|error| CheckpointError::io(folder, error)))
-}
-
-/// The system gives the lock back when the process ends, in whatever way.
-fn lock(folder: &Path) -> Result<File> {
-    let path = folder.join("lock");
-    let file = File::create(&path).map_err(|error| CheckpointError::io(&path, error))?;
-    match file.try_lock() {
-        Ok(()) => Ok(file),
-        Err(TryLockError::WouldBlock) => Err(CheckpointError::Busy { path: folder.to_owned() }),
-        Err(TryLockError::Error(error)) => Err(CheckpointError::io(&path, error)),
-    }
 }

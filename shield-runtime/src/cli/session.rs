@@ -92,6 +92,10 @@ impl<'a> Session<'a> {
                 names.push(job.variant.name.clone());
             }
         }
+        let goes_on = match jobs.iter().all(|job| job.variant.experiment.checkpoint.is_some()) {
+            true => "the same command again goes on from here",
+            false => "the same command again goes on with the runs that keep checkpoints",
+        };
         let mut outcomes = Outcomes::default();
         let missing = self.missing(jobs, &mut outcomes)?;
         self.stop_on_ctrl_c();
@@ -106,9 +110,7 @@ impl<'a> Session<'a> {
             return Err(Failure::Run(format!("{} of {total} runs failed:\n  {list}", failures.len())));
         }
         if STOP.load(Ordering::Relaxed) {
-            return Err(Failure::Interrupted(
-                "stopped by Ctrl-C; the same command again goes on from here".into(),
-            ));
+            return Err(Failure::Interrupted(format!("stopped by Ctrl-C; {goes_on}")));
         }
         Ok(())
     }
@@ -129,17 +131,18 @@ impl<'a> Session<'a> {
             let standing =
                 if self.overwrite { Ok(Standing::Missing) } else { job.order(self.registry).standing() };
             let path = job.folder.path().display();
-            match standing {
-                Ok(Standing::Finished(summary)) => outcomes.summaries.push(*summary),
-                Ok(Standing::Missing | Standing::Unfinished) => missing.push_back(job),
-                Ok(Standing::Differs(difference)) => {
+            // A file that cannot be read is no reason to recommend that everything be removed.
+            match standing.map_err(|error| Failure::Input(format!("{path}: {error:#}")))? {
+                Standing::Finished(summary) => outcomes.summaries.push(*summary),
+                Standing::Missing | Standing::Unfinished => missing.push_back(job),
+                Standing::Differs(difference) => {
                     return Err(Failure::Input(format!(
                         "{path} has a run with another configuration: {difference}{remedy}"
                     )));
                 }
-                Err(error) => {
+                Standing::Foreign => {
                     return Err(Failure::Input(format!(
-                        "{path} is there, but not as a run: {error:#}{remedy}"
+                        "{path} is there, but not as a run: it has no config.ron{remedy}"
                     )));
                 }
             }
@@ -196,7 +199,7 @@ impl<'a> Session<'a> {
 
     fn run_one(&self, job: &Job) -> Result<Summary> {
         let order = job.order(self.registry);
-        let launch = match self.overwrite || !job.folder.exists() {
+        let launch = match self.overwrite || !job.folder.is_begun()? {
             true => order.begin(self.overwrite)?,
             false => order.proceed()?,
         };

@@ -1,6 +1,6 @@
 //! What the learner reports, and the event file for TensorBoard.
 
-use std::{collections::BTreeMap, path::Path};
+use std::path::Path;
 
 use shield_api::{Error, Phase, Result};
 
@@ -32,7 +32,7 @@ pub(super) struct Figures {
 impl Figures {
     /// Writes an event file into the folder `tensorboard` in `folder` from now on.
     pub fn log_to(&mut self, folder: &Path) -> Result<()> {
-        self.events = Some(EventFile::open(folder, &BTreeMap::new()).map_err(failed)?);
+        self.events = Some(EventFile::create(folder).map_err(failed)?);
         Ok(())
     }
 

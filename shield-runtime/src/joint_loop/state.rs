@@ -2,7 +2,7 @@
 
 use std::sync::atomic::Ordering;
 
-use shield_api::check_length;
+use shield_api::{Error, check_length};
 
 use super::{JointLoop, Participants};
 use crate::{
@@ -13,7 +13,7 @@ use crate::{
     observer::{Occasion, Snapshot},
     plugin,
     record::Tally,
-    shield::{Ladder, restore_rules, save_rules},
+    shield::{restore_rules, save_rules},
 };
 
 /// Where a loop begins.
@@ -35,39 +35,47 @@ impl Participants {
     /// # Errors
     /// A plugin refuses its state.
     pub fn restore_agents(&mut self, state: &LoopState) -> shield_api::Result<()> {
-        restore_agents(&mut self.forward, &mut self.reset, &mut self.shield, state)
+        if let (Some(forward), Some(state)) = (&mut self.forward, &state.forward) {
+            of_plugin("forward", forward.restore(state))?;
+        }
+        if let (Some(reset), Some(state)) = (&mut self.reset, &state.reset) {
+            of_plugin("reset", reset.restore(state))?;
+        }
+        of_plugin("shield.rules", restore_rules(self.shield.as_mut(), &state.rules))
+    }
+
+    /// Gives everyone the state of a run. Those who refused must not be used any more.
+    ///
+    /// # Errors
+    /// A plugin refuses its state, or the state is of another run.
+    pub fn restore(&mut self, state: &LoopState) -> shield_api::Result<()> {
+        let is_complete = (self.forward.is_some(), self.reset.is_some(), self.evaluator.is_some())
+            == (state.forward.is_some(), state.reset.is_some(), state.evaluator.is_some());
+        if !is_complete {
+            return Err(Error::invalid_argument("it is the state of a run with other agents"));
+        }
+        if let Some(previous) = &state.previous {
+            check_length("the saved action", previous, self.world.spec().spaces.action_len())?;
+        }
+        self.restore_agents(state)?;
+        of_plugin("environment", self.world.restore(&state.world))?;
+        match (&mut self.evaluator, &state.evaluator) {
+            (Some(evaluator), Some(state)) => of_plugin("evaluation", evaluator.restore(state)),
+            _ => Ok(()),
+        }
     }
 }
 
-fn restore_agents(
-    forward: &mut Option<ForwardAgent>,
-    reset: &mut Option<Agent>,
-    shield: &mut Option<Ladder>,
-    state: &LoopState,
-) -> shield_api::Result<()> {
-    if let (Some(forward), Some(state)) = (forward, &state.forward) {
-        forward.restore(state)?;
-    }
-    if let (Some(reset), Some(state)) = (reset, &state.reset) {
-        reset.restore(state)?;
-    }
-    restore_rules(shield.as_mut(), &state.rules)
+/// Says which field of the experiment names the plugin that refuses its state.
+fn of_plugin(field: &str, restored: shield_api::Result<()>) -> shield_api::Result<()> {
+    restored.map_err(|error| Error::new(error.kind(), format!("`{field}`: {error}")))
 }
 
 impl JointLoop<'_> {
-    /// Goes on from `state`; the experience of the participants must be that of the same moment. Where a plugin could not save its
-    /// state, the loop goes on from a counted hard reset.
-    ///
-    /// # Errors
-    /// A plugin refuses its state.
-    pub fn restore(&mut self, state: &LoopState) -> shield_api::Result<()> {
-        restore_agents(&mut self.forward, &mut self.reset, &mut self.shield, state)?;
-        self.world.restore(&state.world)?;
-        if let (Some(evaluator), Some(state)) = (&mut self.evaluator, &state.evaluator) {
-            evaluator.restore(state)?;
-        }
+    /// Goes on from the `state` that [`Participants::restore`] gave to the participants; their experience must be that of the same moment.
+    /// Where a plugin could not save its state, the loop goes on from a counted hard reset.
+    pub fn go_on(&mut self, state: &LoopState) {
         if let Some(previous) = &state.previous {
-            check_length("the saved action", previous, self.previous.len())?;
             self.previous.copy_from_slice(previous);
         }
         plugin::restore_metrics(&state.metrics);
@@ -77,7 +85,7 @@ impl JointLoop<'_> {
         self.attempts.restore(state.failed_attempts);
         self.was_irreversible = state.was_irreversible;
         self.last_evaluation = state.last_evaluation;
-        self.last_checkpoint = state.counters.steps;
+        self.last_checkpoint = Some(state.counters.steps);
         self.start = if state.is_finished {
             Start::Finished
         } else if state.unsaved().is_empty() {
@@ -86,7 +94,6 @@ impl JointLoop<'_> {
         } else {
             Start::HardReset
         };
-        Ok(())
     }
 
     /// Something was lost when the run was stopped: it goes on from a hard reset, which counts.
@@ -102,9 +109,10 @@ impl JointLoop<'_> {
     pub(super) fn pause(&mut self, role: AgentRole, tally: &Tally) -> anyhow::Result<bool> {
         let is_stopped = self.stop.load(Ordering::Relaxed);
         if let Some(every) = self.settings.checkpoint_every
-            && self.last_checkpoint != self.counters.steps
+            && self.last_checkpoint != Some(self.counters.steps)
         {
-            // A stop changes nothing about a checkpoint that is due in every run.
+            // The first is due before the first step: from then on, a run that is killed can go on. A stop changes nothing about a
+            // checkpoint that is due in every run.
             if self.counters.steps.is_multiple_of(every) {
                 self.keep(Occasion::Periodic, role, tally)?;
             } else if is_stopped {
@@ -124,7 +132,7 @@ impl JointLoop<'_> {
     }
 
     fn keep(&mut self, occasion: Occasion, turn: AgentRole, tally: &Tally) -> anyhow::Result<()> {
-        self.last_checkpoint = self.counters.steps;
+        self.last_checkpoint = Some(self.counters.steps);
         let state = LoopState {
             counters: self.counters,
             is_finished: occasion == Occasion::Finished,

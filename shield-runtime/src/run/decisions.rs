@@ -7,7 +7,7 @@ pub use read::{DecisionRow, read_decisions};
 
 use std::{
     ffi::OsStr,
-    fs,
+    fs, io,
     path::{Path, PathBuf},
     sync::Arc,
 };
@@ -27,6 +27,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::{
     atomic_file::{AtomicFile, remove_leftovers},
+    checkpoint::CheckpointError,
     record::DecisionRecord,
 };
 
@@ -147,40 +148,11 @@ pub struct DecisionLog {
 }
 
 impl DecisionLog {
-    /// Will write into `folder`, on from `state`. Parts that came later are removed, and so is what a killed program left half written; files of
-    /// other names stay. Creates nothing before the first decision.
-    ///
-    /// # Errors
-    /// A later part cannot be removed, or the present one cannot be read.
-    pub fn resume(folder: PathBuf, state: DecisionState) -> Result<Self> {
-        let mut log = Self::new(folder, state.part);
-        if log.folder.exists() {
-            remove_leftovers(&log.folder)
-                .with_context(|| format!("{} cannot be tidied up", log.folder.display()))?;
-        }
-        for path in paths(&log.folder)? {
-            let is_outdated = match part_of(&path) {
-                Some(Part::Closed(part)) => part > state.part || (part == state.part && state.rows == 0),
-                Some(Part::Open) => true,
-                None => false,
-            };
-            if is_outdated {
-                fs::remove_file(&path).with_context(|| format!("{} cannot be removed", path.display()))?;
-            }
-        }
-        if state.rows > 0 {
-            // The part may have more: from a checkpoint that came later and is lost.
-            let path = path_of(&log.folder, state.part);
-            read_part(&path, &mut |row| log.push_row(&row).map(|()| log.rows < state.rows))?;
-            ensure!(log.rows == state.rows, "{} ends before the checkpoint", path.display());
-        }
-        Ok(log)
-    }
-
-    fn new(folder: PathBuf, first_part: u32) -> Self {
+    /// Will write into `folder`. Creates nothing before the first decision.
+    pub fn new(folder: PathBuf) -> Self {
         Self {
             folder,
-            part: first_part,
+            part: 0,
             rows: 0,
             properties: Arc::new(properties()),
             widths: None,
@@ -192,6 +164,36 @@ impl DecisionLog {
             numbers: Vec::new(),
             column: Vec::new(),
         }
+    }
+
+    /// Goes on from `state`. Parts that came later are removed, and so is what a killed program left half written; files of other names stay.
+    ///
+    /// # Errors
+    /// The present part cannot be read, or a later one cannot be removed.
+    pub fn cut_back(&mut self, state: DecisionState) -> Result<()> {
+        self.part = state.part;
+        let found = paths(&self.folder)?;
+        if !found.is_empty() {
+            remove_leftovers(&self.folder)
+                .with_context(|| format!("{} cannot be tidied up", self.folder.display()))?;
+        }
+        if state.rows > 0 {
+            // The part may have more: from a checkpoint that came later and is lost.
+            let path = path_of(&self.folder, state.part);
+            read_part(&path, &mut |row| self.push_row(&row).map(|()| self.rows < state.rows))?;
+            ensure!(self.rows == state.rows, "{} ends before the checkpoint", path.display());
+        }
+        for path in found {
+            let is_outdated = match part_of(&path) {
+                Some(Part::Closed(part)) => part > state.part || (part == state.part && state.rows == 0),
+                Some(Part::Open) => true,
+                None => false,
+            };
+            if is_outdated {
+                fs::remove_file(&path).with_context(|| format!("{} cannot be removed", path.display()))?;
+            }
+        }
+        Ok(())
     }
 
     /// Keeps a decision; writes when enough have come together.
@@ -310,9 +312,12 @@ impl DecisionLog {
     }
 }
 
-/// Everything in the folder, in order.
+/// Everything in the folder, in order; nothing if there is no folder.
 fn paths(folder: &Path) -> Result<Vec<PathBuf>> {
-    let Ok(entries) = fs::read_dir(folder) else { return Ok(Vec::new()) };
+    let entries = match fs::read_dir(folder) {
+        Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
+        entries => entries.with_context(|| format!("{} cannot be read", folder.display()))?,
+    };
     let mut paths: Vec<PathBuf> =
         entries.map(|entry| entry.map(|entry| entry.path())).collect::<Result<_, _>>()?;
     paths.sort();
@@ -340,4 +345,32 @@ fn part_of(path: &Path) -> Option<Part> {
 
 fn path_of(folder: &Path, part: u32) -> PathBuf {
     folder.join(format!("part-{part:06}.parquet"))
+}
+
+/// Whether the present part reaches as far as a checkpoint says.
+pub(super) fn check(folder: &Path, state: DecisionState) -> Result<(), CheckpointError> {
+    if state.rows == 0 {
+        return Ok(());
+    }
+    let path = path_of(folder, state.part);
+    let torn = |what| CheckpointError::Torn { path: path.clone(), what };
+    let mut rows = 0;
+    let read = read_part(&path, &mut |_| {
+        rows += 1;
+        Ok(rows < state.rows)
+    });
+    match read {
+        Ok(_) if rows < state.rows => Err(torn("it ends before the checkpoint")),
+        Ok(_) => Ok(()),
+        Err(error) => Err(match io_error(&error) {
+            Some(kind) => CheckpointError::io(&path, io::Error::new(kind, format!("{error:#}"))),
+            None => torn("it cannot be understood"),
+        }),
+    }
+}
+
+/// What the system refused, if it did. A file that ends too early is damaged instead.
+fn io_error(error: &anyhow::Error) -> Option<io::ErrorKind> {
+    let kinds = error.chain().filter_map(|cause| cause.downcast_ref::<io::Error>()).map(io::Error::kind);
+    kinds.into_iter().find(|kind| *kind != io::ErrorKind::UnexpectedEof)
 }

@@ -4,7 +4,6 @@
 //! each figure; to keep the file the same in every run of a seed, that is the environment step, read as seconds.
 
 use std::{
-    collections::BTreeMap,
     fs::{self, File},
     io::{BufWriter, Write},
     path::{Path, PathBuf},
@@ -16,7 +15,7 @@ use prost::Message;
 use crate::growing_file;
 
 /// The name has what TensorBoard looks for.
-const FILE: &str = "tensorboard/events.out.tfevents.0.shield";
+pub(super) const FILE: &str = "tensorboard/events.out.tfevents.0.shield";
 /// What the first event of every file says.
 const VERSION: &str = "brain.Event:2";
 
@@ -57,22 +56,30 @@ pub(crate) struct EventFile {
 }
 
 impl EventFile {
-    /// The file of a run that begins, or goes on from where `lengths` has it; what was written after that is cut off.
-    pub fn open(run: &Path, lengths: &BTreeMap<String, u64>) -> Result<Self> {
+    /// A new file; what a file of that name had is cut off.
+    pub fn create(run: &Path) -> Result<Self> {
         let path = run.join(FILE);
-        let open = || {
+        let create = || {
             path.parent().map_or(Ok(()), fs::create_dir_all)?;
-            match lengths.get(FILE) {
-                Some(length) => growing_file::go_on(&path, *length),
-                None => growing_file::begin(&path),
-            }
+            growing_file::begin(&path)
         };
-        let file = open().with_context(|| format!("{} cannot be written", path.display()))?;
+        let file = create().with_context(|| format!("{} cannot be created", path.display()))?;
         let mut events = Self { path, file: BufWriter::new(file) };
-        if !lengths.contains_key(FILE) {
-            events.write(&Event { file_version: Some(VERSION.into()), ..Event::default() })?;
-        }
+        events.write(&Event { file_version: Some(VERSION.into()), ..Event::default() })?;
         Ok(events)
+    }
+
+    /// The file of a run that goes on. Nothing changes before [`cut_back`](Self::cut_back).
+    pub fn reopen(run: &Path) -> Result<Self> {
+        let path = run.join(FILE);
+        let file = growing_file::reopen(&path);
+        let file = file.with_context(|| format!("{} cannot be continued", path.display()))?;
+        Ok(Self { path, file: BufWriter::new(file) })
+    }
+
+    /// Cuts off what follows the first `length` bytes.
+    pub fn cut_back(&mut self, length: u64) -> Result<()> {
+        growing_file::cut_back(self.file.get_ref(), length).with_context(|| self.cannot_write())
     }
 
     /// Figures after `step` environment steps.
@@ -142,13 +149,14 @@ mod tests {
     #[test]
     fn figures_come_back_and_what_follows_a_checkpoint_is_cut_off() {
         let run = tempfile::tempdir().unwrap();
-        let mut file = EventFile::open(run.path(), &BTreeMap::new()).unwrap();
+        let mut file = EventFile::create(run.path()).unwrap();
         file.scalars(5, &[("a/b", 1.5), ("c", 0.0)]).unwrap();
-        let lengths = BTreeMap::from([file.sync().unwrap()]);
+        let (_, length) = file.sync().unwrap();
         file.scalars(6, &[("a/b", 7.0)]).unwrap();
         drop(file);
         assert_eq!(events(run.path()).len(), 3);
-        let mut file = EventFile::open(run.path(), &lengths).unwrap();
+        let mut file = EventFile::reopen(run.path()).unwrap();
+        file.cut_back(length).unwrap();
         file.scalars(8, &[("c", 3.0)]).unwrap();
         drop(file);
         let events = events(run.path());

@@ -2,13 +2,17 @@
 
 use std::{
     fs,
+    io::{self, Write as _},
     path::{Path, PathBuf},
 };
 
 use anyhow::{Context, Result, bail};
 
-use super::summary::{Identity, Summary};
-use crate::atomic_file::write_atomically;
+use super::{
+    new_folder::NewFolder,
+    summary::{Identity, Summary},
+};
+use crate::atomic_file::{AtomicFile, write_atomically};
 
 /// The folder of one run, `<out>/<experiment>/<variant>/seed-<n>`.
 #[derive(Debug, Clone)]
@@ -56,49 +60,65 @@ impl RunFolder {
         &self.path
     }
 
-    /// Whether something is already there.
-    pub fn exists(&self) -> bool {
-        self.path.exists()
-    }
-
-    /// Creates the folder with its `config.ron` and `plugins.json`. What stood there before is removed first if `overwrite` says so.
+    /// Creates the folder with its `config.ron` and `plugins.json`. What stood there before is removed first if `overwrite` says so. Without it, the
+    /// folder may be there, but only if no run was begun in it.
     ///
     /// # Errors
-    /// The folder exists and must not be overwritten, or cannot be written.
-    pub fn create(&self, config: &str, plugins: &str, overwrite: bool) -> Result<()> {
+    /// Something is there and must not be overwritten, or the folder cannot be written.
+    pub fn create(&self, config: &str, plugins: &str, overwrite: bool) -> Result<NewFolder> {
         let path = &self.path;
-        if self.exists() {
+        if self.is_begun()? {
             if !overwrite {
                 bail!("{} exists already", path.display());
             }
             fs::remove_dir_all(path).with_context(|| format!("{} cannot be removed", path.display()))?;
         }
-        // The folder itself must be new: another process may have made it meanwhile.
-        path.parent()
+        let is_own = path
+            .parent()
             .map_or(Ok(()), fs::create_dir_all)
-            .and_then(|()| fs::create_dir(path))
+            .and_then(|()| create_folder(path))
             .with_context(|| format!("{} cannot be created", path.display()))?;
-        let written = write_whole(&path.join("config.ron"), config.as_bytes())
-            .and_then(|()| write_whole(&path.join("plugins.json"), plugins.as_bytes()));
-        if written.is_err() {
-            self.discard();
+        if let Err(error) = write_first(&path.join("config.ron"), config.as_bytes()) {
+            // Another process may have begun meanwhile: then the folder is not empty, and stays.
+            if is_own && let Err(kept) = fs::remove_dir(path) {
+                log::warn!("{} stays: {kept}", path.display());
+            }
+            return Err(error);
         }
-        written
+        let new = NewFolder::new(path, is_own);
+        match write_whole(&path.join("plugins.json"), plugins.as_bytes()) {
+            Ok(()) => Ok(new),
+            Err(error) => Err(new.discard_after(error)),
+        }
     }
 
-    /// Whether something of a run is there. A program that was killed at once leaves a folder with nothing or with a file that was not finished.
+    /// Whether something of a run is there, or anything else. A program that was killed at once leaves a folder with nothing, or with a file
+    /// that was not finished.
     ///
     /// # Errors
     /// The folder cannot be read.
-    pub(super) fn is_begun(&self) -> Result<bool> {
-        let entries =
-            fs::read_dir(&self.path).with_context(|| format!("{} cannot be read", self.path.display()))?;
+    pub fn is_begun(&self) -> Result<bool> {
+        let cannot_be_read = || format!("{} cannot be read", self.path.display());
+        let entries = match fs::read_dir(&self.path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(false),
+            entries => entries.with_context(cannot_be_read)?,
+        };
         for entry in entries {
-            if entry?.path().extension().is_none_or(|extension| extension != "partial") {
+            let path = entry.with_context(cannot_be_read)?.path();
+            if path.extension().is_none_or(|extension| extension != "partial") {
                 return Ok(true);
             }
         }
         Ok(false)
+    }
+
+    /// Whether the folder has the configuration of a run.
+    ///
+    /// # Errors
+    /// It cannot be told.
+    pub(super) fn has_config(&self) -> Result<bool> {
+        let path = self.path.join("config.ron");
+        path.try_exists().with_context(|| format!("{} cannot be read", path.display()))
     }
 
     /// The resolved configuration that the run was started with.
@@ -116,18 +136,33 @@ impl RunFolder {
     /// It cannot be read or is not a summary.
     pub fn summary(&self) -> Result<Option<Summary>> {
         let path = self.path.join("summary.json");
-        if !path.exists() {
-            return Ok(None);
-        }
-        let bytes = fs::read(&path).with_context(|| format!("{} cannot be read", path.display()))?;
+        let bytes = match fs::read(&path) {
+            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),
+            bytes => bytes.with_context(|| format!("{} cannot be read", path.display()))?,
+        };
         let summary = serde_json::from_slice(&bytes);
-        summary.map(Some).with_context(|| format!("{} is not the summary of a run", path.display()))
+        let complaint =
+            || format!("{} is not the summary of a run; move it aside, and the run goes on", path.display());
+        summary.map(Some).with_context(complaint)
     }
+}
 
-    /// Removes the folder of a run that could not start.
-    pub fn discard(&self) {
-        fs::remove_dir_all(&self.path).ok();
+/// Creates a folder; `false` if it was there.
+fn create_folder(path: &Path) -> io::Result<bool> {
+    match fs::create_dir(path) {
+        Err(error) if error.kind() == io::ErrorKind::AlreadyExists && path.is_dir() => Ok(false),
+        created => created.map(|()| true),
     }
+}
+
+/// Writes a file that nobody else may have written: of several processes, one succeeds.
+fn write_first(path: &Path, bytes: &[u8]) -> Result<()> {
+    let write = || {
+        let mut file = AtomicFile::create(path)?;
+        file.write_all(bytes)?;
+        file.commit_new()
+    };
+    write().with_context(|| format!("{} cannot be written", path.display()))
 }
 
 /// Writes a file so that it is there whole or not at all, and makes its folder if need be.

@@ -9,11 +9,12 @@ use shield_api::manifest::Manifest;
 use super::{
     build::{Prepared, prepare},
     folder::RunFolder,
+    new_folder::NewFolder,
     recorder::{Recorder, RecorderState},
     summary::{Identity, Summary},
 };
 use crate::{
-    checkpoint::{CheckpointStore, PluginVersion, Provenance, last_checkpoint},
+    checkpoint::{CheckpointStore, LockedCheckpoints, PluginVersion, Provenance, last_checkpoint},
     experiment::{Difference, Experiment, ExperimentFile, Override, Variant, first_difference},
     joint_loop::JointLoop,
     loop_state::LoopState,
@@ -37,11 +38,13 @@ pub struct Order<'a> {
 /// What is left to be done of a run.
 #[derive(Debug)]
 pub enum Standing {
-    /// Everything: there is no folder.
+    /// Everything: there is no folder, or none in which anything was begun.
     Missing,
+    /// The folder holds something else than a run.
+    Foreign,
     /// Nothing.
     Finished(Box<Summary>),
-    /// Something, from its last checkpoint on.
+    /// Something, from its last checkpoint on if it has one.
     Unfinished,
     /// The folder has a run with another configuration.
     Differs(Difference),
@@ -52,7 +55,8 @@ pub struct Launch {
     prepared: Prepared,
     recorder: Recorder,
     state: Option<LoopState>,
-    folder: RunFolder,
+    /// What this launch made; `None` if it goes on.
+    new: Option<NewFolder>,
     name: String,
     warnings: Vec<String>,
 }
@@ -61,13 +65,13 @@ impl Order<'_> {
     /// How far the run is.
     ///
     /// # Errors
-    /// The folder is not that of a run.
+    /// A file of it cannot be read.
     pub fn standing(&self) -> Result<Standing> {
-        if !self.folder.exists() {
+        if !self.folder.is_begun()? {
             return Ok(Standing::Missing);
         }
-        if !self.folder.is_begun()? {
-            return Ok(Standing::Unfinished);
+        if !self.folder.has_config()? {
+            return Ok(Standing::Foreign);
         }
         let config = self.folder.config()?;
         if let Some(difference) = first_difference(&config, &self.provenance()?.config) {
@@ -82,78 +86,61 @@ impl Order<'_> {
     /// Begins the run in a new folder; with `overwrite`, what stood there is removed.
     ///
     /// # Errors
-    /// A plugin refuses, the folder exists, or a file cannot be written.
+    /// A plugin refuses, something is there, another process writes the run, or a file cannot be written. Then nothing is left of this launch.
     pub fn begin(&self, overwrite: bool) -> Result<Launch> {
         let prepared = self.prepare()?;
         let provenance = self.provenance()?;
-        CheckpointStore::ensure_free(self.folder.path())?;
-        self.folder.create(&provenance.config, &self.plugins_json()?, overwrite)?;
-        let recorder = self.recorder(RecorderState::default(), &prepared).and_then(|recorder| {
-            Ok(match prepared.settings.checkpoint_every {
-                Some(_) => {
-                    recorder.with_checkpoints(CheckpointStore::create(self.folder.path(), provenance)?, true)
-                }
-                None => recorder,
-            })
-        });
-        let recorder = recorder.inspect_err(|_| self.folder.discard())?;
-        Ok(self.launch(prepared, recorder, None, Vec::new()))
+        let plugins = self.plugins_json()?;
+        // No other process may write the run while it is removed.
+        let replaced = LockedCheckpoints::of(self.folder.path())?;
+        let new = self.folder.create(&provenance.config, &plugins, overwrite)?;
+        drop(replaced);
+        let recorder =
+            self.first_recorder(provenance, &prepared).map_err(|error| new.discard_after(error))?;
+        Ok(self.launch(prepared, recorder, None, Some(new), Vec::new()))
     }
 
-    /// Goes on with the run from its last usable checkpoint, or begins it anew where there is none.
-    ///
-    /// # Errors
-    /// A plugin refuses, another process writes the run, a checkpoint is of other plugins, or a file cannot be written.
-    pub fn proceed(&self) -> Result<Launch> {
-        let mut prepared = self.prepare()?;
-        let mut warnings = Vec::new();
-        let experience = &mut prepared.participants.experience;
-        let found =
-            CheckpointStore::resume(self.folder.path(), self.provenance()?, experience, &mut |warning| {
-                warnings.push(warning);
-            })?;
-        let Some((store, saved)) = found else {
-            warnings.push("there is no usable checkpoint: the run begins anew".into());
-            return Ok(Launch { warnings, ..self.begin(true)? });
+    fn first_recorder(&self, provenance: Provenance, prepared: &Prepared) -> Result<Recorder> {
+        // The lock comes first: until it is taken, another process may replace the folder.
+        let store = match prepared.settings.checkpoint_every {
+            Some(_) => Some(CheckpointStore::create(self.folder.path(), provenance)?),
+            None => None,
         };
-        for field in saved.state.unsaved() {
-            warnings.push(format!(
-                "the plugin of `{field}` cannot save its state: it begins anew, after a counted hard reset"
-            ));
-        }
-        let is_exact = saved.state.unsaved().is_empty();
-        let recorder = self.recorder(saved.recorder, &prepared)?.with_checkpoints(store, is_exact);
-        Ok(self.launch(prepared, recorder, Some(saved.state), warnings))
+        let recorder = self.recorder(None, prepared)?;
+        Ok(match store {
+            Some(store) => recorder.with_checkpoints(store, true),
+            None => recorder,
+        })
     }
 
-    fn launch(
+    pub(super) fn launch(
         &self,
         prepared: Prepared,
         recorder: Recorder,
         state: Option<LoopState>,
+        new: Option<NewFolder>,
         warnings: Vec<String>,
     ) -> Launch {
-        Launch {
-            prepared,
-            recorder,
-            state,
-            folder: self.folder.clone(),
-            name: format!("{} seed {}", self.identity.variant, self.identity.seed),
-            warnings,
-        }
+        let name = format!("{} seed {}", self.identity.variant, self.identity.seed);
+        Launch { prepared, recorder, state, new, name, warnings }
     }
 
-    fn prepare(&self) -> Result<Prepared> {
+    pub(super) fn prepare(&self) -> Result<Prepared> {
         Ok(prepare(self.registry, self.variant, self.identity.seed)?)
     }
 
-    fn recorder(&self, state: RecorderState, prepared: &Prepared) -> Result<Recorder> {
+    /// The recorder of a run that begins, or of one that goes on from `state`.
+    pub(super) fn recorder(&self, state: Option<RecorderState>, prepared: &Prepared) -> Result<Recorder> {
         let experiment = &self.variant.experiment;
         let rules = experiment.rules().map(|choice| choice.plugin.clone()).collect();
         let solved_at = experiment.evaluation.as_ref().map_or(1.0, |evaluation| evaluation.solved_at);
         let is_deterministic = experiment.shield.deadline_us.is_none()
             && manifests(self.registry, experiment)?.iter().all(|manifest| manifest.deterministic);
-        let recorder = Recorder::resume(self.folder.clone(), self.identity.clone(), rules, solved_at, state)?;
+        let (folder, identity) = (self.folder.clone(), self.identity.clone());
+        let recorder = match state {
+            None => Recorder::new(folder, identity, rules, solved_at)?,
+            Some(state) => Recorder::reopen(folder, identity, rules, solved_at, state)?,
+        };
         let kinds = prepared.participants.world.reset_kinds();
         Ok(recorder.reset_kinds(kinds).deterministic(is_deterministic))
     }
@@ -201,7 +188,7 @@ impl Launch {
     /// # Errors
     /// A plugin failed, or a file could not be written. The summary says so, where it can be written.
     pub fn run(self, progress: impl Observer, stop: &AtomicBool) -> Result<Summary> {
-        let Self { prepared, recorder, state, folder, name, .. } = self;
+        let Self { prepared, recorder, state, new, name, .. } = self;
         let budget = prepared.settings.steps;
         // A run that came before on this thread leaves nothing to this one.
         clear_metrics();
@@ -213,17 +200,25 @@ impl Launch {
             &mut observer,
             stop,
         );
-        let restored = state.map_or(Ok(()), |state| joint.restore(&state));
-        let ran = restored.map_err(anyhow::Error::from).and_then(|()| joint.run());
+        if let Some(state) = &state {
+            joint.go_on(state);
+        }
+        let ran = joint.run();
         let counters = *joint.counters();
         drop(joint);
         let ran = ran.with_context(|| format!("{name} failed after {} steps", counters.steps));
         let error = ran.as_ref().err().map(|error| format!("{error:#}"));
+        // The run stays locked until it is decided whether its folder stays.
+        let checkpoints = observer.0.take_checkpoints();
+        let can_go_on = checkpoints.as_ref().is_some_and(CheckpointStore::has_checkpoint);
         let summary = observer.0.finish(&counters, budget, error);
-        if ran.is_err() && counters.steps == 0 {
-            folder.discard();
+        match new.filter(|_| counters.steps == 0 && (ran.is_err() || !can_go_on)) {
+            None => ran.and(summary),
+            Some(new) => match ran.and(summary) {
+                Ok(summary) => new.discard().map(|()| summary),
+                Err(error) => Err(new.discard_after(error)),
+            },
         }
-        ran.and(summary)
     }
 }
 

@@ -12,11 +12,11 @@ use serde::{Deserialize, Serialize};
 use shield_api::ResetKind;
 
 use super::{
-    decisions::{DecisionLog, DecisionState},
-    events::EventFile,
+    decisions::{self, DecisionLog, DecisionState},
+    files::{self, Files, Lengths},
     folder::{RunFolder, write_whole},
     summary::{Evaluations, Identity, Summary},
-    tables::{EvaluationRow, InterventionRow, LearningRow, MetricsRow, Table, TimingRow},
+    tables::{EvaluationRow, InterventionRow, LearningRow, MetricsRow, TimingRow},
 };
 use crate::{
     checkpoint::{CheckpointError, CheckpointStore},
@@ -33,7 +33,7 @@ const FLUSH_EVERY: Duration = Duration::from_secs(1);
 #[derive(Debug, Clone, Default, Serialize, Deserialize)]
 pub struct RecorderState {
     /// Length of each file in bytes.
-    lengths: BTreeMap<String, u64>,
+    lengths: Lengths,
     episodes: u64,
     results: Evaluations,
     causes: BTreeMap<String, u64>,
@@ -47,16 +47,13 @@ pub struct RecorderState {
 impl RecorderState {
     /// Whether the files reach as far as they did.
     pub(crate) fn check(&self, run: &Path) -> Result<(), CheckpointError> {
-        for (name, length) in &self.lengths {
-            let path = run.join(name);
-            let found = path.metadata().map_err(|error| CheckpointError::Io { path: path.clone(), error })?;
-            if found.len() < *length {
-                return Err(CheckpointError::Torn { path, what: "it ends before the checkpoint" });
-            }
-        }
-        Ok(())
+        files::check(run, &self.lengths)?;
+        decisions::check(&run.join(DECISIONS), self.decisions)
     }
 }
+
+/// The folder of the recorded decisions.
+const DECISIONS: &str = "decisions";
 
 /// Takes the loop's reports and writes them: `metrics.csv`, `interventions.csv`, `evaluations.csv`, `learning.csv`, `timings.csv`, the
 /// checkpoints, and in the end `summary.json`.
@@ -64,12 +61,7 @@ pub struct Recorder {
     folder: RunFolder,
     identity: Identity,
     rules: Vec<String>,
-    metrics: Table,
-    interventions: Table,
-    evaluations: Table,
-    learning: Table,
-    timings: Table,
-    events: EventFile,
+    files: Files,
     episodes: u64,
     results: Evaluations,
     solved_at: f64,
@@ -89,39 +81,46 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// Opens the tables of a folder that [`RunFolder::create`] made. `rules` are the ids of the shield's rules.
+    /// Begins the tables of a folder that [`RunFolder::create`] made. `rules` are the ids of the shield's rules.
     ///
     /// # Errors
     /// A file cannot be created.
     pub fn new(folder: RunFolder, identity: Identity, rules: Vec<String>, solved_at: f64) -> Result<Self> {
-        Self::resume(folder, identity, rules, solved_at, RecorderState::default())
+        let files = Files::create(folder.path())?;
+        Self::over(files, folder, identity, rules, solved_at, RecorderState::default())
     }
 
-    /// Opens the tables of a run that goes on, where they were at its checkpoint.
+    /// Opens the tables of a run that goes on. Nothing changes before [`cut_back`](Self::cut_back).
     ///
     /// # Errors
-    /// A file cannot be written.
-    pub fn resume(
+    /// A file is missing or cannot be written.
+    pub fn reopen(
         folder: RunFolder,
         identity: Identity,
         rules: Vec<String>,
         solved_at: f64,
         state: RecorderState,
     ) -> Result<Self> {
-        let (path, lengths) = (folder.path(), &state.lengths);
+        let files = Files::reopen(folder.path())?;
+        Self::over(files, folder, identity, rules, solved_at, state)
+    }
+
+    fn over(
+        files: Files,
+        folder: RunFolder,
+        identity: Identity,
+        rules: Vec<String>,
+        solved_at: f64,
+        state: RecorderState,
+    ) -> Result<Self> {
         // Up to a minute at three digits; longer decisions count as a minute.
         let mut decision_ns = Histogram::new_with_bounds(1, 60_000_000_000, 3)?;
         for (nanoseconds, count) in state.decision_times {
             decision_ns.saturating_record_n(nanoseconds, count);
         }
         Ok(Self {
-            metrics: Table::reopen::<MetricsRow>(path, lengths)?,
-            interventions: Table::reopen::<InterventionRow<'_>>(path, lengths)?,
-            evaluations: Table::reopen::<EvaluationRow>(path, lengths)?,
-            learning: Table::reopen::<LearningRow<'_>>(path, lengths)?,
-            timings: Table::reopen::<TimingRow>(path, lengths)?,
-            decisions: DecisionLog::resume(path.join("decisions"), state.decisions)?,
-            events: EventFile::open(path, lengths)?,
+            files,
+            decisions: DecisionLog::new(folder.path().join(DECISIONS)),
             folder,
             identity,
             rules,
@@ -138,6 +137,16 @@ impl Recorder {
             checkpoints: None,
             is_saved_exactly: false,
         })
+    }
+
+    /// Cuts off what the files have beyond the checkpoint with this `state`.
+    ///
+    /// # Errors
+    /// A file cannot be cut back.
+    pub fn cut_back(&mut self, state: &RecorderState) -> Result<()> {
+        // First what reads and may fail: then the tables are as they were.
+        self.decisions.cut_back(state.decisions)?;
+        self.files.cut_back(&state.lengths)
     }
 
     /// What the summary says of a repetition: whether it would give the same.
@@ -165,19 +174,13 @@ impl Recorder {
         self
     }
 
-    fn tables(&mut self) -> [&mut Table; 5] {
-        [
-            &mut self.metrics,
-            &mut self.interventions,
-            &mut self.evaluations,
-            &mut self.learning,
-            &mut self.timings,
-        ]
+    /// Gives the checkpoints back, and with them the lock of the run.
+    pub fn take_checkpoints(&mut self) -> Option<CheckpointStore> {
+        self.checkpoints.take()
     }
 
     fn flush(&mut self) -> Result<()> {
-        self.tables().into_iter().try_for_each(Table::flush)?;
-        self.events.flush()?;
+        self.files.flush()?;
         self.last_flush = Instant::now();
         Ok(())
     }
@@ -189,10 +192,7 @@ impl Recorder {
     /// Makes everything written so far last, and says how far that is.
     fn state(&mut self, occasion: Occasion) -> Result<RecorderState> {
         Ok(RecorderState {
-            lengths: {
-                let tables: Result<Vec<_>> = self.tables().into_iter().map(Table::sync).collect();
-                tables?.into_iter().chain([self.events.sync()?]).collect()
-            },
+            lengths: self.files.sync()?,
             episodes: self.episodes,
             results: self.results,
             causes: self.causes.clone(),
@@ -261,7 +261,7 @@ impl Observer for Recorder {
             Some(ProjectionKind::Replace | ProjectionKind::Best) => "",
             None => abort.cause.solver_status().unwrap_or(""),
         };
-        self.interventions.write(&InterventionRow {
+        self.files.interventions.write(&InterventionRow {
             step: *step,
             phase: role.name(),
             verdict,
@@ -291,7 +291,7 @@ impl Observer for Recorder {
         if let Some(kind) = episode.hard_reset.and_then(|reset| reset.kind) {
             self.hard_resets[kind].1 += 1;
         }
-        self.metrics.write(&MetricsRow {
+        self.files.metrics.write(&MetricsRow {
             step: counters.steps,
             episode: self.episodes,
             phase: episode.role.name(),
@@ -310,7 +310,7 @@ impl Observer for Recorder {
             reset_value: episode.reset_value,
             lifetime_return: counters.lifetime_return,
         })?;
-        self.events.scalars(
+        self.files.events.scalars(
             counters.steps,
             &[
                 (if episode.role == AgentRole::Forward { "forward/return" } else { "reset/return" }, gain),
@@ -323,20 +323,20 @@ impl Observer for Recorder {
         )?;
         self.episodes += 1;
         if self.last_flush.elapsed() >= FLUSH_EVERY {
-            self.timings.write(&TimingRow { step: counters.steps, wall_seconds: self.seconds() })?;
+            self.files.timings.write(&TimingRow { step: counters.steps, wall_seconds: self.seconds() })?;
             self.flush()?;
         }
         Ok(())
     }
 
     fn on_metric(&mut self, step: u64, name: &str, mean: f64) -> Result<()> {
-        self.events.scalars(step, &[(name, mean)])?;
-        self.learning.write(&LearningRow { step, metric: name, mean })
+        self.files.events.scalars(step, &[(name, mean)])?;
+        self.files.learning.write(&LearningRow { step, metric: name, mean })
     }
 
     fn on_evaluation(&mut self, evaluation: &EvaluationRecord, counters: &Counters) -> Result<()> {
         self.results.add(evaluation, self.solved_at);
-        self.events.scalars(
+        self.files.events.scalars(
             evaluation.step,
             &[
                 ("evaluation/mean_return", evaluation.mean_return),
@@ -345,7 +345,7 @@ impl Observer for Recorder {
             ],
         )?;
         let EvaluationRecord { step, mean_return, success_rate, irreversible_entries, steps } = *evaluation;
-        self.evaluations.write(&EvaluationRow {
+        self.files.evaluations.write(&EvaluationRow {
             step,
             mean_return,
             success_rate,

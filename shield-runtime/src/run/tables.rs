@@ -1,7 +1,6 @@
 //! The CSV files of a run: a structure per row, which names the columns too.
 
 use std::{
-    collections::BTreeMap,
     fs::File,
     io::BufWriter,
     path::{Path, PathBuf},
@@ -123,18 +122,27 @@ impl Table {
         Ok(table)
     }
 
-    /// The file of a run that goes on: what was written after its first bytes, as `lengths` has them, is cut off.
-    pub fn reopen<R: Row>(folder: &Path, lengths: &BTreeMap<String, u64>) -> Result<Self> {
+    /// The file of a run that goes on. Nothing changes before [`cut_back`](Self::cut_back).
+    pub fn reopen<R: Row>(folder: &Path) -> Result<Self> {
         let path = folder.join(R::FILE);
-        let Some(length) = lengths.get(R::FILE) else { return Self::create::<R>(folder) };
-        let file = growing_file::go_on(&path, *length)
-            .with_context(|| format!("{} cannot be continued", path.display()))?;
+        let file = growing_file::reopen(&path);
+        let file = file.with_context(|| format!("{} cannot be continued", path.display()))?;
         Ok(Self::over(path, R::FILE, file))
+    }
+
+    /// Cuts off what follows the first `length` bytes.
+    pub fn cut_back(&mut self, length: u64) -> Result<()> {
+        growing_file::cut_back(self.writer.get_ref().get_ref(), length).with_context(|| self.cannot_write())
     }
 
     fn over(path: PathBuf, name: &'static str, file: File) -> Self {
         let writer = csv::WriterBuilder::new().has_headers(false).from_writer(BufWriter::new(file));
         Self { path, name, writer }
+    }
+
+    /// The name of the file.
+    pub fn name(&self) -> &'static str {
+        self.name
     }
 
     /// Appends a row of the type that the table was made for.

@@ -1,6 +1,9 @@
 //! A run that was stopped or killed and then continued is the run that was never stopped, byte for byte.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
+#[cfg(unix)]
+mod left_alone;
+
 use std::{
     collections::BTreeMap,
     fs,
@@ -52,7 +55,11 @@ impl Run {
     /// Begins or goes on, until the saboteur says otherwise. Returns the steps that were made before.
     fn go(&self, sabotage: Sabotage) -> u64 {
         let order = self.order();
-        let launch = if self.folder.exists() { order.proceed() } else { order.begin(false) }.unwrap();
+        let launch = match order.standing().unwrap() {
+            Standing::Missing => order.begin(false),
+            _ => order.proceed(),
+        };
+        let launch = launch.unwrap();
         let before = launch.steps_before();
         let stop = AtomicBool::new(false);
         let ran = launch.run(Saboteur { sabotage, stop: &stop }, &stop);
@@ -248,22 +255,6 @@ fn a_damaged_checkpoint_is_passed_over_for_the_one_before() {
 }
 
 #[test]
-fn without_a_usable_checkpoint_the_run_begins_anew_and_says_so() {
-    let expected = Run::uninterrupted(&grid());
-    let run = Run::new(&grid(), &[]);
-    run.go(Sabotage::Stop(900));
-    fs::write(run.checkpoint("latest.bin"), "a text").unwrap();
-    fs::remove_file(run.checkpoint("previous.bin")).unwrap();
-    let launch = run.order().proceed().unwrap();
-    assert_eq!(launch.steps_before(), 0);
-    let warnings = launch.warnings().join("\n");
-    assert!(warnings.contains("is not a checkpoint") && warnings.contains("anew"), "{warnings}");
-    drop(launch);
-    run.go(Sabotage::None);
-    same(&expected, &run, "begun anew");
-}
-
-#[test]
 fn another_configuration_is_refused_by_the_name_of_the_field() {
     let run = Run::new(&grid(), &[]);
     run.go(Sabotage::Stop(450));
@@ -285,8 +276,13 @@ fn a_program_that_was_killed_at_once_leaves_nothing_in_the_way() {
         let run = Run::new(&gridworld(100, ""), &[]);
         fs::create_dir_all(run.folder.path()).unwrap();
         files.iter().for_each(|file| fs::write(run.folder.path().join(file), "Exp").unwrap());
-        assert!(matches!(run.order().standing(), Ok(Standing::Unfinished)));
+        assert!(matches!(run.order().standing(), Ok(Standing::Missing)));
         assert_eq!(run.go(Sabotage::None), 0);
+        for file in files {
+            let path = run.folder.path().join(file);
+            assert_eq!(fs::read_to_string(&path).unwrap(), "Exp", "it is not this launch's to remove");
+            fs::remove_file(path).unwrap();
+        }
         same(&Run::uninterrupted(&gridworld(100, "")), &run, "begun again");
     }
 }

@@ -1,0 +1,373 @@
+//! A run that cannot go on stays as it is, with everything that the user keeps in its folder.
+
+use std::{
+    os::unix::fs::symlink,
+    process::{Command, Output, Stdio},
+};
+
+use shield_runtime::checkpoint::LockedCheckpoints;
+use shield_tests::shield;
+
+use super::*;
+
+/// What a user may keep in the folder of a run.
+const OWN: [&str; 5] =
+    ["notes.txt", "config.partial", "pictures/a.png", "decisions/zz-notes.txt", "checkpoint/mine.rows"];
+
+/// A run with checkpoints after 40 and 20 steps and rows beyond them, and with the user's own files.
+fn unfinished(sabotage: Sabotage) -> Run {
+    let run = Run::new(&short(), &[]);
+    run.go(sabotage);
+    for name in OWN {
+        let path = run.folder.path().join(name);
+        fs::create_dir_all(path.parent().unwrap()).unwrap();
+        fs::write(path, name).unwrap();
+    }
+    run
+}
+
+fn short() -> String {
+    gridworld(60, "checkpoint: (every: 20),").replace("every: 500", "every: 30")
+}
+
+/// Everything in a folder: for each path the bytes of a file, or where a link leads to.
+fn listing(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+    let mut found = BTreeMap::new();
+    for entry in fs::read_dir(folder).unwrap() {
+        let path = entry.unwrap().path();
+        if path.is_symlink() {
+            found.insert(path.clone(), fs::read_link(&path).unwrap().as_os_str().as_encoded_bytes().to_vec());
+        } else if path.is_dir() {
+            found.extend(listing(&path));
+            found.insert(path, Vec::new());
+        } else {
+            found.insert(path.clone(), fs::read(&path).unwrap());
+        }
+    }
+    found
+}
+
+/// Says which paths differ, not their bytes.
+fn assert_same(before: &BTreeMap<PathBuf, Vec<u8>>, after: &BTreeMap<PathBuf, Vec<u8>>, why: &str) {
+    let missing: Vec<_> = before.iter().filter(|(path, bytes)| after.get(*path) != Some(bytes)).collect();
+    let missing: Vec<&PathBuf> = missing.into_iter().map(|(path, _)| path).collect();
+    let added: Vec<&PathBuf> = after.keys().filter(|path| !before.contains_key(*path)).collect();
+    assert!(missing.is_empty() && added.is_empty(), "{why}: {missing:?} changed, {added:?} came");
+}
+
+fn both(run: &Run, spoil: impl Fn(&Path)) {
+    ["latest.bin", "previous.bin"].iter().for_each(|file| spoil(&run.checkpoint(file)));
+}
+
+fn cut_in_half(path: &Path) {
+    let bytes = fs::read(path).unwrap();
+    fs::write(path, &bytes[..bytes.len() / 2]).unwrap();
+}
+
+/// Alters the first bytes of every saved Q-table, by which the learner knows its states. The checksum is right.
+fn make_the_learner_refuse(path: &Path) {
+    let mut bytes = fs::read(path).unwrap();
+    let magic = b"shield/tabular-q/";
+    let places: Vec<usize> =
+        (0..bytes.len() - magic.len()).filter(|at| bytes[*at..].starts_with(magic)).collect();
+    assert!(!places.is_empty(), "the checkpoint has no table");
+    places.into_iter().for_each(|at| bytes[at] = b'X');
+    seal(path, bytes);
+}
+
+/// Writes a checkpoint with the checksum of its body.
+fn seal(path: &Path, mut bytes: Vec<u8>) {
+    let checksum = crc32fast::hash(&bytes[24..]);
+    bytes[20..24].copy_from_slice(&checksum.to_le_bytes());
+    fs::write(path, bytes).unwrap();
+}
+
+fn put_a_folder(path: &Path) {
+    fs::remove_file(path).unwrap();
+    fs::create_dir(path).unwrap();
+}
+
+fn segment(run: &Run) -> PathBuf {
+    run.checkpoint("experience-000000000000.rows")
+}
+
+/// What is done to a run, and what the message must say.
+type Kind = (&'static str, fn(&Run), &'static [&'static str]);
+
+const REMEDY: &str = "move the run's folder aside";
+
+const KINDS: [Kind; 17] = [
+    ("damaged", |run| both(run, damage), &["latest.bin is damaged", "previous.bin is damaged", REMEDY]),
+    ("cut short", |run| both(run, cut_in_half), &["latest.bin is damaged", "its length is wrong", REMEDY]),
+    (
+        "texts",
+        |run| both(run, |path| fs::write(path, "a text").unwrap()),
+        &["latest.bin is not a checkpoint", REMEDY],
+    ),
+    (
+        "refused states",
+        |run| both(run, make_the_learner_refuse),
+        &["latest.bin is refused: `forward`: not a state", "previous.bin is refused", REMEDY],
+    ),
+    (
+        "another format",
+        |run| {
+            let mut bytes = fs::read(run.checkpoint("latest.bin")).unwrap();
+            bytes[8] = 9;
+            fs::write(run.checkpoint("latest.bin"), bytes).unwrap();
+        },
+        &["latest.bin has checkpoint format 9", "the version of shield that wrote it"],
+    ),
+    (
+        "an unreadable checkpoint",
+        |run| put_a_folder(&run.checkpoint("latest.bin")),
+        &["latest.bin", "remove the cause"],
+    ),
+    (
+        "no checkpoints",
+        |run| both(run, |path| fs::remove_file(path).unwrap()),
+        &["no checkpoint to go on from", REMEDY],
+    ),
+    (
+        "no folder of checkpoints",
+        |run| fs::remove_dir_all(run.checkpoint("")).unwrap(),
+        &["no checkpoint to go on from", REMEDY],
+    ),
+    ("no table", |run| remove(run, "metrics.csv"), &["metrics.csv", "put the file back"]),
+    (
+        "no events",
+        |run| fs::remove_dir_all(run.folder.path().join("tensorboard")).unwrap(),
+        &["tensorboard", "put the file back"],
+    ),
+    (
+        "no experience",
+        |run| fs::remove_file(segment(run)).unwrap(),
+        &["experience-000000000000.rows", "put the file back"],
+    ),
+    ("damaged experience", |run| damage_start(&segment(run)), &["experience", "is damaged", REMEDY]),
+    (
+        "a table that cannot be written",
+        |run| put_a_folder(&run.folder.path().join("timings.csv")),
+        &["timings.csv", "Nothing was changed"],
+    ),
+    (
+        "a linked lock",
+        |run| {
+            remove(run, "checkpoint/lock");
+            symlink(run.folder.path().join("notes.txt"), run.checkpoint("lock")).unwrap();
+        },
+        &["lock is not a regular file", "remove it"],
+    ),
+    ("a folder as lock", |run| put_a_folder(&run.checkpoint("lock")), &["lock is not a regular file"]),
+    (
+        "another plugin",
+        |run| both(run, |path| replace(path, b"1.0.0", b"0.0.9")),
+        &["was written with", "install the plugin"],
+    ),
+    (
+        "another configuration",
+        |run| both(run, |path| replace(path, b"batch: 16", b"batch: 17")),
+        &["another configuration", "`experience.batch`"],
+    ),
+];
+
+fn remove(run: &Run, file: &str) {
+    fs::remove_file(run.folder.path().join(file)).unwrap();
+}
+
+fn damage_start(path: &Path) {
+    let mut bytes = fs::read(path).unwrap();
+    bytes[0] ^= 1;
+    fs::write(path, bytes).unwrap();
+}
+
+/// Replaces a text of the same length; the checksum is right.
+fn replace(path: &Path, old: &[u8], new: &[u8]) {
+    let mut bytes = fs::read(path).unwrap();
+    let places: Vec<usize> =
+        (24..bytes.len() - old.len()).filter(|at| bytes[*at..].starts_with(old)).collect();
+    assert!(!places.is_empty(), "{} is not there", String::from_utf8_lossy(old));
+    places.into_iter().for_each(|at| bytes[at..at + new.len()].copy_from_slice(new));
+    seal(path, bytes);
+}
+
+#[test]
+fn two_hundred_failed_resumes_of_every_kind_change_nothing() {
+    let rounds = 200_usize.div_ceil(KINDS.len());
+    for (kind, spoil, parts) in KINDS {
+        let run = unfinished(Sabotage::Crash(55));
+        spoil(&run);
+        let before = listing(run.folder.path());
+        for _ in 0..rounds {
+            let message = run.order().proceed().err().unwrap_or_else(|| panic!("{kind}: it went on"));
+            let message = format!("{message:#}");
+            assert!(parts.iter().all(|part| message.contains(part)), "{kind}: {message}");
+        }
+        assert_same(&before, &listing(run.folder.path()), kind);
+    }
+}
+
+#[test]
+fn a_run_that_another_process_writes_is_left_alone() {
+    let run = unfinished(Sabotage::Crash(55));
+    let before = listing(run.folder.path());
+    let lock = LockedCheckpoints::of(run.folder.path()).unwrap().unwrap();
+    for failed in [run.order().proceed(), run.order().begin(true)] {
+        let message = format!("{:#}", failed.err().unwrap());
+        assert!(message.contains("another process"), "{message}");
+    }
+    drop(lock);
+    assert_same(&before, &listing(run.folder.path()), "a locked run");
+}
+
+#[test]
+fn a_missing_part_of_the_decisions_stops_a_run_and_is_no_damage() {
+    let run = unfinished(Sabotage::Stop(55));
+    let decisions = fs::read_dir(run.folder.path().join("decisions")).unwrap();
+    let parts = decisions.map(|entry| entry.unwrap().path());
+    let last = parts.filter(|path| path.extension().is_some_and(|end| end == "parquet")).max().unwrap();
+    fs::remove_file(&last).unwrap();
+    let before = listing(run.folder.path());
+    let message = format!("{:#}", run.order().proceed().err().unwrap());
+    assert!(message.contains("part-") && message.contains("put the file back"), "{message}");
+    assert_same(&before, &listing(run.folder.path()), "a missing part");
+}
+
+#[test]
+fn a_refused_state_is_passed_over_for_the_one_before_and_kept() {
+    let expected = Run::uninterrupted(&short());
+    let run = unfinished(Sabotage::Crash(55));
+    make_the_learner_refuse(&run.checkpoint("latest.bin"));
+    let refused = fs::read(run.checkpoint("latest.bin")).unwrap();
+    let launch = run.order().proceed().unwrap();
+    assert_eq!(launch.steps_before(), 20);
+    let warnings = launch.warnings().join("\n");
+    for part in ["passed over", "latest.bin is refused: `forward`", "refused-1.bin"] {
+        assert!(warnings.contains(part), "{warnings}");
+    }
+    drop(launch);
+    assert_eq!(run.go(Sabotage::None), 20);
+    assert_eq!(fs::read(run.checkpoint("refused-1.bin")).unwrap(), refused);
+    for name in OWN {
+        let path = run.folder.path().join(name);
+        assert_eq!(fs::read(&path).unwrap(), name.as_bytes());
+        fs::remove_file(path).unwrap();
+    }
+    same(&expected, &run, "from the checkpoint before");
+}
+
+#[test]
+fn a_folder_with_something_else_is_no_run_to_begin_in() {
+    let run = Run::new(&short(), &[]);
+    fs::create_dir_all(run.folder.path()).unwrap();
+    fs::write(run.folder.path().join("notes.txt"), "mine").unwrap();
+    let before = listing(run.folder.path());
+    assert!(matches!(run.order().standing(), Ok(Standing::Foreign)));
+    assert!(run.order().begin(false).is_err() && run.order().proceed().is_err());
+    assert_same(&before, &listing(run.folder.path()), "a folder with notes");
+    run.order().begin(true).unwrap();
+    assert!(!run.folder.path().join("notes.txt").exists());
+}
+
+/// Runs of several seeds that crashed, in a folder with `x.ron`.
+fn unfinished_runs(seeds: u64) -> TempDir {
+    let home = tempfile::tempdir().unwrap();
+    fs::write(home.path().join("x.ron"), short()).unwrap();
+    let variants = ExperimentFile::read(&home.path().join("x.ron")).unwrap().variants(&[], None).unwrap();
+    let variant = &variants[0];
+    for seed in 0..seeds {
+        let identity = Identity { experiment: "small".into(), variant: variant.name.clone(), seed };
+        let folder = RunFolder::new(&home.path().join("runs"), &identity);
+        let order = Order { registry: registry(), variant, identity: &identity, folder: &folder };
+        let stop = AtomicBool::new(false);
+        let saboteur = Saboteur { sabotage: Sabotage::Crash(55), stop: &stop };
+        order.begin(false).unwrap().run(saboteur, &stop).unwrap_err();
+        fs::write(folder.path().join("notes.txt"), "mine").unwrap();
+    }
+    home
+}
+
+fn run_of(home: &TempDir, seed: u64) -> PathBuf {
+    home.path().join(format!("runs/small/default/seed-{seed}"))
+}
+
+/// `shield resume runs`, with so many file descriptors.
+fn resume_with(home: &TempDir, descriptors: u32) -> Output {
+    let shield = shield();
+    let mut command = Command::new("sh");
+    command.current_dir(home.path()).args(["-c", r#"ulimit -n "$0" && exec "$@""#, &descriptors.to_string()]);
+    command.arg(shield.get_program()).args(["resume", "runs"]);
+    let variables = shield.get_envs().filter_map(|(name, value)| Some((name, value?)));
+    command.envs(variables).output().unwrap()
+}
+
+#[test]
+fn a_run_without_enough_file_descriptors_is_left_alone() {
+    let home = unfinished_runs(1);
+    let run = run_of(&home, 0);
+    let before = listing(&run);
+    let mut failures = 0;
+    for descriptors in 4..60 {
+        let output = resume_with(&home, descriptors);
+        let message = String::from_utf8_lossy(&output.stderr);
+        if output.status.success() {
+            assert!(failures > 10, "{failures} failures");
+            assert_eq!(fs::read_to_string(run.join("notes.txt")).unwrap(), "mine");
+            return;
+        }
+        // Once it goes on, it may fail as every run may.
+        if !message.contains("goes on after") {
+            failures += 1;
+            assert_same(&before, &listing(&run), &format!("{descriptors} descriptors: {message}"));
+        }
+    }
+    panic!("it never went on");
+}
+
+#[test]
+fn twenty_runs_with_few_file_descriptors_keep_their_files_and_go_on_later() {
+    let home = unfinished_runs(20);
+    let names = |home: &TempDir| listing(&home.path().join("runs")).into_keys().collect::<Vec<_>>();
+    let before = names(&home);
+    for descriptors in [14, 18, 22, 26, 30] {
+        let output = resume_with(&home, descriptors);
+        assert_ne!(output.status.code(), Some(0), "{descriptors} descriptors are enough for 20 runs");
+        let after = names(&home);
+        let missing: Vec<_> = before.iter().filter(|path| !after.contains(path)).collect();
+        assert!(missing.is_empty(), "{descriptors} descriptors: {missing:?} are missing");
+    }
+    let output = shield().current_dir(home.path()).args(["resume", "runs"]).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    for seed in 0..20 {
+        assert_eq!(fs::read_to_string(run_of(&home, seed).join("notes.txt")).unwrap(), "mine");
+    }
+}
+
+#[test]
+fn four_resumes_at_once_over_damaged_checkpoints_all_fail_and_change_nothing() {
+    let home = unfinished_runs(1);
+    let run = run_of(&home, 0);
+    for file in ["latest.bin", "previous.bin"] {
+        damage(&run.join("checkpoint").join(file));
+    }
+    let before = listing(&run);
+    for command in [&["resume", "runs"][..], &["run", "x.ron", "--seeds", "0"]] {
+        let children: Vec<_> = (0..4)
+            .map(|_| {
+                let mut child = shield();
+                child.current_dir(home.path()).args(command).stdout(Stdio::piped()).stderr(Stdio::piped());
+                child.spawn().unwrap()
+            })
+            .collect();
+        for child in children {
+            let output = child.wait_with_output().unwrap();
+            let message = String::from_utf8_lossy(&output.stderr);
+            assert_eq!(output.status.code(), Some(1), "{message}");
+            assert!(
+                message.contains("another process") || message.contains("no checkpoint of it can be used"),
+                "{message}"
+            );
+        }
+        assert_same(&before, &listing(&run), "four at once");
+    }
+}
