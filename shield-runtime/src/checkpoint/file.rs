@@ -93,7 +93,7 @@ pub enum CheckpointError {
 
 /// What helps where a run cannot go on.
 pub(crate) const BEGIN_ANEW: &str =
-    "move the run's folder aside, or begin anew with `shield run` and --overwrite, which removes the folder";
+    "move the folder aside, or begin anew with `shield run` and --overwrite, which removes it";
 
 impl CheckpointError {
     pub(crate) fn io(path: &Path, error: io::Error) -> Self {

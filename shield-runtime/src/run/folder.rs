@@ -100,7 +100,10 @@ impl RunFolder {
     pub fn is_begun(&self) -> Result<bool> {
         let cannot_be_read = || format!("{} cannot be read", self.path.display());
         let entries = match fs::read_dir(&self.path) {
-            Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(false),
+            // Whoever creates the folder hears of a file in its place.
+            Err(error) if matches!(error.kind(), io::ErrorKind::NotFound | io::ErrorKind::NotADirectory) => {
+                return Ok(false);
+            }
             entries => entries.with_context(cannot_be_read)?,
         };
         for entry in entries {

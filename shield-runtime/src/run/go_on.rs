@@ -32,7 +32,8 @@ impl Order<'_> {
         let locked = locked.ok_or_else(|| without_checkpoint(&[]))?;
         let mut refused = Vec::new();
         for path in locked.paths().map_err(stop)? {
-            match self.judge(&locked, &path, &provenance)? {
+            let judged = self.judge(&locked, &path, &provenance);
+            match judged.map_err(|error| after_refusals(error, &refused))? {
                 Judged::Usable(usable) => {
                     let (prepared, saved) = *usable;
                     return self.go_on(locked, provenance, prepared, saved, &refused);
@@ -72,9 +73,9 @@ impl Order<'_> {
         saved: Saved,
         refused: &[(PathBuf, CheckpointError)],
     ) -> Result<Launch> {
-        let mut recorder = self
-            .recorder(Some(saved.recorder.clone()), &prepared)
-            .map_err(|error| anyhow!("{error:#}. Nothing was changed; remove the cause and try again"))?;
+        let mut recorder = self.recorder(Some(saved.recorder.clone()), &prepared).map_err(|error| {
+            anyhow!("{error:#}. Nothing was changed; remove the cause, then give the same command again")
+        })?;
         let mut store = locked.go_on(&saved, provenance).map_err(stop)?;
         // From here on the folder changes.
         recorder.cut_back(&saved.recorder)?;
@@ -104,10 +105,18 @@ fn stop(error: CheckpointError) -> anyhow::Error {
     anyhow!("{error}. Nothing was changed; {}", error.remedy())
 }
 
+/// The same, where the latest checkpoint had been passed over before.
+fn after_refusals(error: anyhow::Error, refused: &[(PathBuf, CheckpointError)]) -> anyhow::Error {
+    if refused.is_empty() { error } else { anyhow!("{}; then {error:#}", reasons(refused)) }
+}
+
 fn without_checkpoint(refused: &[(PathBuf, CheckpointError)]) -> anyhow::Error {
     if refused.is_empty() {
         return anyhow!("it has no checkpoint to go on from. Nothing was changed; {BEGIN_ANEW}");
     }
-    let reasons: Vec<String> = refused.iter().map(|(_, error)| error.to_string()).collect();
-    anyhow!("no checkpoint of it can be used: {}. Nothing was changed; {BEGIN_ANEW}", reasons.join("; "))
+    anyhow!("no checkpoint of it can be used: {}. Nothing was changed; {BEGIN_ANEW}", reasons(refused))
+}
+
+fn reasons(refused: &[(PathBuf, CheckpointError)]) -> String {
+    refused.iter().map(|(_, error)| error.to_string()).collect::<Vec<_>>().join("; ")
 }

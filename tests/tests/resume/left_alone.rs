@@ -27,7 +27,7 @@ fn unfinished(sabotage: Sabotage) -> Run {
 }
 
 fn short() -> String {
-    gridworld(60, "checkpoint: (every: 20),").replace("every: 500", "every: 30")
+    gridworld(60, "checkpoint: (every: 20), record: (decisions: 1),").replace("every: 500", "every: 30")
 }
 
 /// Everything in a folder: for each path the bytes of a file, or where a link leads to.
@@ -94,9 +94,9 @@ fn segment(run: &Run) -> PathBuf {
 /// What is done to a run, and what the message must say.
 type Kind = (&'static str, fn(&Run), &'static [&'static str]);
 
-const REMEDY: &str = "move the run's folder aside";
+const REMEDY: &str = "move the folder aside";
 
-const KINDS: [Kind; 17] = [
+const KINDS: [Kind; 18] = [
     ("damaged", |run| both(run, damage), &["latest.bin is damaged", "previous.bin is damaged", REMEDY]),
     ("cut short", |run| both(run, cut_in_half), &["latest.bin is damaged", "its length is wrong", REMEDY]),
     (
@@ -107,7 +107,7 @@ const KINDS: [Kind; 17] = [
     (
         "refused states",
         |run| both(run, make_the_learner_refuse),
-        &["latest.bin is refused: `forward`: not a state", "previous.bin is refused", REMEDY],
+        &["latest.bin is refused: `forward`: tabular-q: not a state", "previous.bin is refused", REMEDY],
     ),
     (
         "another format",
@@ -122,6 +122,14 @@ const KINDS: [Kind; 17] = [
         "an unreadable checkpoint",
         |run| put_a_folder(&run.checkpoint("latest.bin")),
         &["latest.bin", "remove the cause"],
+    ),
+    (
+        "a damaged checkpoint before an unreadable one",
+        |run| {
+            damage(&run.checkpoint("latest.bin"));
+            put_a_folder(&run.checkpoint("previous.bin"));
+        },
+        &["latest.bin is damaged", "previous.bin: ", "remove the cause"],
     ),
     (
         "no checkpoints",
@@ -311,7 +319,7 @@ fn a_run_without_enough_file_descriptors_is_left_alone() {
         let output = resume_with(&home, descriptors);
         let message = String::from_utf8_lossy(&output.stderr);
         if output.status.success() {
-            assert!(failures > 10, "{failures} failures");
+            assert!(failures > 5, "{failures} failures");
             assert_eq!(fs::read_to_string(run.join("notes.txt")).unwrap(), "mine");
             return;
         }
@@ -327,7 +335,11 @@ fn a_run_without_enough_file_descriptors_is_left_alone() {
 #[test]
 fn twenty_runs_with_few_file_descriptors_keep_their_files_and_go_on_later() {
     let home = unfinished_runs(20);
-    let names = |home: &TempDir| listing(&home.path().join("runs")).into_keys().collect::<Vec<_>>();
+    // A run that goes on to its end removes checkpoints of its own.
+    let names = |home: &TempDir| {
+        let names = listing(&home.path().join("runs")).into_keys();
+        names.filter(|path| !path.parent().unwrap().ends_with("checkpoint")).collect::<Vec<_>>()
+    };
     let before = names(&home);
     for descriptors in [14, 18, 22, 26, 30] {
         let output = resume_with(&home, descriptors);
