@@ -230,7 +230,7 @@ fn a_run_that_another_process_writes_is_left_alone() {
 
 #[test]
 fn a_missing_part_of_the_decisions_stops_a_run_and_is_no_damage() {
-    let run = unfinished(Sabotage::Stop(55));
+    let run = unfinished(Sabotage::Stop(25));
     let decisions = fs::read_dir(run.folder.path().join("decisions")).unwrap();
     let parts = decisions.map(|entry| entry.unwrap().path());
     let last = parts.filter(|path| path.extension().is_some_and(|end| end == "parquet")).max().unwrap();
@@ -295,6 +295,16 @@ fn unfinished_runs(seeds: u64) -> TempDir {
     home
 }
 
+/// The first of them, uninterrupted.
+fn finished_run() -> (TempDir, PathBuf) {
+    let home = tempfile::tempdir().unwrap();
+    fs::write(home.path().join("x.ron"), short()).unwrap();
+    let output = shield().current_dir(home.path()).args(["run", "x.ron", "--seeds", "0"]).output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let run = run_of(&home, 0);
+    (home, run)
+}
+
 fn run_of(home: &TempDir, seed: u64) -> PathBuf {
     home.path().join(format!("runs/small/default/seed-{seed}"))
 }
@@ -335,24 +345,23 @@ fn a_run_without_enough_file_descriptors_is_left_alone() {
 #[test]
 fn twenty_runs_with_few_file_descriptors_keep_their_files_and_go_on_later() {
     let home = unfinished_runs(20);
-    // A run that goes on to its end removes checkpoints of its own.
-    let names = |home: &TempDir| {
-        let names = listing(&home.path().join("runs")).into_keys();
-        names.filter(|path| !path.parent().unwrap().ends_with("checkpoint")).collect::<Vec<_>>()
-    };
-    let before = names(&home);
-    for descriptors in [14, 18, 22, 26, 30] {
-        let output = resume_with(&home, descriptors);
-        assert_ne!(output.status.code(), Some(0), "{descriptors} descriptors are enough for 20 runs");
-        let after = names(&home);
-        let missing: Vec<_> = before.iter().filter(|path| !after.contains(path)).collect();
-        assert!(missing.is_empty(), "{descriptors} descriptors: {missing:?} are missing");
+    let mut failures = 0;
+    for descriptors in [8, 10, 12, 14, 18, 22, 26, 30] {
+        failures += u32::from(!resume_with(&home, descriptors).status.success());
+        for run in (0..20).map(|seed| run_of(&home, seed)) {
+            assert_eq!(fs::read_to_string(run.join("notes.txt")).unwrap(), "mine");
+            for name in ["config.ron", "plugins.json", "metrics.csv", "checkpoint/latest.bin"] {
+                assert!(run.join(name).is_file(), "{descriptors} descriptors: {name} of {}", run.display());
+            }
+        }
     }
+    assert!(failures > 1, "{failures} failures");
     let output = shield().current_dir(home.path()).args(["resume", "runs"]).output().unwrap();
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    for seed in 0..20 {
-        assert_eq!(fs::read_to_string(run_of(&home, seed).join("notes.txt")).unwrap(), "mine");
-    }
+    let (_calm, calm) = finished_run();
+    let run = run_of(&home, 0);
+    fs::remove_file(run.join("notes.txt")).unwrap();
+    assert!(run_files(&run) == run_files(&calm), "it differs from an uninterrupted run");
 }
 
 #[test]
