@@ -1,9 +1,8 @@
 //! A plugin's own configuration: declared once, parsed strictly, listed in the manifest.
 
-use ron::extensions::Extensions;
 use serde::de::DeserializeOwned;
 
-use crate::{Error, Result};
+use crate::{Error, Result, notation};
 
 /// One field of a plugin's configuration, as the manifest lists it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -28,23 +27,31 @@ pub trait PluginConfig: DeserializeOwned + Default {
     /// # Errors
     /// [`ErrorKind::InvalidConfig`](crate::ErrorKind::InvalidConfig) with the position of the fault.
     fn parse(text: &str) -> Result<Self> {
-        // With its extension for `Some(field: 1)`, `ron` refuses `Some((field: 1))`, which is the form that a host can send.
-        let long = ron::Options::default().with_default_extension(Extensions::IMPLICIT_SOME).from_str(text);
-        let read = long.or_else(|long: ron::error::SpannedError| {
-            ron_options().from_str(text).map_err(|short| {
-                let got_further = short.span.start > long.span.start;
-                if got_further { short } else { long }
-            })
-        });
-        read.map_err(|error| {
-            let start = error.span.start;
-            Error::invalid_config(error.code.to_string()).at(start.line as u32, start.col as u32)
+        notation::from_str(text).map_err(|fault| {
+            let place = fault.position(text);
+            Error::invalid_config(fault.to_string()).at(place.line, place.column)
         })
     }
 }
 
-/// How RON is read everywhere: `Some(field: 1)` may stand for `Some((field: 1))`, and `Some(…)` may be left out.
+impl Error {
+    /// The same error with the place of its field in the configuration `text`, if it names one and has no place yet. A field that is not
+    /// written has the place of the value around it.
+    #[must_use]
+    pub(crate) fn located_in(self, text: &str) -> Self {
+        let (None, Some(field), Ok(root)) = (self.position(), self.field(), notation::parse(text)) else {
+            return self;
+        };
+        let (node, _) = notation::nearest(&root, field);
+        let place = notation::position_at(text, node.span.start);
+        self.at(place.line, place.column)
+    }
+}
+
+/// What the `ron` crate alone can read of the dialect.
+#[deprecated(since = "1.1.0", note = "configurations are read by `shield_api::notation`")]
 pub fn ron_options() -> ron::Options {
+    use ron::extensions::Extensions;
     ron::Options::default()
         .with_default_extension(Extensions::UNWRAP_VARIANT_NEWTYPES | Extensions::IMPLICIT_SOME)
 }
@@ -109,6 +116,7 @@ mod tests {
     use super::*;
 
     #[derive(Debug, Clone, PartialEq, serde::Deserialize)]
+    #[serde(deny_unknown_fields)]
     pub struct Range {
         low: f32,
     }
@@ -131,13 +139,50 @@ mod tests {
             let range = Settings::parse(text).unwrap().range;
             assert_eq!(range, Some(Range { low: 1.0 }), "{text}");
         }
+        let mixed =
+            Mixed::parse("(one: Some(low: 1.0), other: Some((low: 2.0)), third: (low: 3.0))").unwrap();
+        let lows = [mixed.one, mixed.other, mixed.third].map(|range| range.unwrap().low);
+        assert_eq!(lows, [1.0, 2.0, 3.0]);
+    }
+
+    config! {
+        /// Another's.
+        pub struct Mixed {
+            one: Option<Range> = None,
+            other: Option<Range> = None,
+            third: Option<Range> = None,
+        }
     }
 
     #[test]
-    fn an_error_beside_an_optional_structure_keeps_its_place() {
+    fn a_fault_has_its_place_in_every_form() {
         for text in ["(range: Some((low: 1.0)),\n count: x)", "(range: Some(low: 1.0),\n count: x)"] {
-            let position = Settings::parse(text).unwrap_err().position().unwrap();
-            assert_eq!(position.line, 2, "{text}");
+            let error = Settings::parse(text).unwrap_err();
+            assert_eq!(error.message(), "expected a whole number of at least 0, found x");
+            assert_eq!(error.position(), Some(crate::Position { line: 2, column: 9 }), "{text}");
         }
+        for text in ["(range: Some((lov: 1.0)))", "(range: Some(lov: 1.0))", "(range: (lov: 1.0))"] {
+            let error = Settings::parse(text).unwrap_err();
+            assert_eq!(error.message(), "there is no field `lov`, only `low`; did you mean `low`?");
+            let column = 1 + text.find("lov").unwrap() as u32;
+            assert_eq!(error.position(), Some(crate::Position { line: 1, column }), "{text}");
+        }
+    }
+
+    #[test]
+    fn a_field_is_found_in_the_text_or_the_value_around_it_is() {
+        let text = "(\n  range: Some(low: 1.0),\n  count: 2)";
+        let place = |field: &str| {
+            let located = Error::invalid_config("odd").in_field(field).located_in(text);
+            located.position().map(|place| (place.line, place.column))
+        };
+        assert_eq!(place("range.low"), Some((2, 20)));
+        assert_eq!(place("count"), Some((3, 10)));
+        assert_eq!(place("range.high"), Some((2, 10)));
+        assert_eq!(place("other"), Some((1, 1)));
+        assert_eq!(Error::invalid_config("odd").located_in(text).position(), None);
+        let placed = Error::invalid_config("odd").in_field("count").at(7, 8).located_in(text);
+        assert_eq!(placed.position(), Some(crate::Position { line: 7, column: 8 }));
+        assert_eq!(Error::invalid_config("odd").in_field("count").located_in("").position(), None);
     }
 }

@@ -35,12 +35,13 @@ pub struct Error {
     kind: ErrorKind,
     message: String,
     position: Option<Position>,
+    field: Option<Box<str>>,
 }
 
 impl Error {
     /// An error of the given kind.
     pub fn new(kind: ErrorKind, message: impl Into<String>) -> Self {
-        Self { kind, message: message.into(), position: None }
+        Self { kind, message: message.into(), position: None, field: None }
     }
 
     /// The plugin tried and failed.
@@ -53,7 +54,7 @@ impl Error {
         Self::new(ErrorKind::InvalidArgument, message)
     }
 
-    /// A configuration value is wrong: name the field, its value and what is allowed.
+    /// A configuration value is wrong: say its value and what is allowed, and name its field with [`in_field`](Self::in_field).
     pub fn invalid_config(message: impl Into<String>) -> Self {
         Self::new(ErrorKind::InvalidConfig, message)
     }
@@ -70,6 +71,14 @@ impl Error {
         self
     }
 
+    /// The same error about a field of the plugin's configuration, such as `final_q_min` or `constraints[0].a`. Of an error of
+    /// [`Plugin::create`](crate::Plugin::create), the user is told where in the file that field stands.
+    #[must_use]
+    pub fn in_field(mut self, path: impl Into<String>) -> Self {
+        self.field = Some(path.into().into());
+        self
+    }
+
     /// The class of the failure.
     pub fn kind(&self) -> ErrorKind {
         self.kind
@@ -83,6 +92,11 @@ impl Error {
     /// Where in the plugin's configuration text, where that is known.
     pub fn position(&self) -> Option<Position> {
         self.position
+    }
+
+    /// The path of the field in the plugin's configuration that is wrong, where that is known.
+    pub fn field(&self) -> Option<&str> {
+        self.field.as_deref()
     }
 }
 

@@ -12,6 +12,7 @@ mod frame;
 mod learner;
 pub mod manifest;
 pub mod metrics;
+pub mod notation;
 mod plugin;
 mod policy;
 pub mod regular_file;
@@ -21,7 +22,9 @@ mod space;
 pub use abort_rule::{
     AbortRule, Needs, ObservedDecision, Phase, Reason, Rows, RuleContext, RuleVerdict, Verdict,
 };
-pub use config::{Field, PluginConfig, ron_options};
+#[allow(deprecated, reason = "source that was written for 1.0 may use it")]
+pub use config::ron_options;
+pub use config::{Field, PluginConfig};
 pub use environment::{Environment, EnvironmentSpec, ResetKind, StepOutcome};
 pub use error::{Error, ErrorKind, Position, Result, check_finite, check_length};
 pub use frame::Frame;

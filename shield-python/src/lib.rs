@@ -4,7 +4,7 @@
 #![forbid(unsafe_code)]
 
 use std::{
-    path::PathBuf,
+    path::{Path, PathBuf},
     sync::{Mutex, MutexGuard},
 };
 
@@ -43,6 +43,9 @@ enum Actions {
     Choices(usize),
     Bounds((Vec<f32>, Vec<f32>)),
 }
+
+/// Path, RON value, and what the user had written.
+type Set = (String, String, String);
 
 /// What was decided: verdict, the reset ensemble's mean value, the rule's number (−1: none), cause and reason.
 type Verdict<'a> = (&'static str, f32, i64, String, String);
@@ -89,6 +92,13 @@ impl Core {
     }
 }
 
+/// The configuration in a file, or without one the usual one, with overrides.
+fn read(config: Option<&Path>, usual: Defaults, sets: &[Set]) -> PyResult<DropInFile> {
+    let sets = sets.iter().map(|(path, value, written)| Override::new(path, value, written));
+    let sets = sets.collect::<Result<Vec<_>, _>>().map_err(config_error)?;
+    config.map_or_else(|| usual.file(&sets), |path| DropInFile::read(path, &sets)).map_err(config_error)
+}
+
 /// Copies an array, whose length the package has seen to.
 fn copy(name: &str, array: &PyReadonlyArray1<'_, f32>, into: &mut [f32]) -> PyResult<()> {
     let array = array.as_slice()?;
@@ -103,7 +113,7 @@ fn copy(name: &str, array: &PyReadonlyArray1<'_, f32>, into: &mut [f32]) -> PyRe
 #[pymethods]
 impl Core {
     /// `observation`: lower and upper bounds. `action`: the same, or a number of choices. `config`: a RON file; without one, the usual
-    /// configuration. `sets`: path, RON value, and what the user had written. `plugins`: the folder of the wheel.
+    /// configuration. `plugins`: the folder of the wheel.
     #[new]
     #[pyo3(signature = (observation, action, config, sets, plugins, tensorboard))]
     fn new(
@@ -111,7 +121,7 @@ impl Core {
         observation: (Vec<f32>, Vec<f32>),
         action: Actions,
         config: Option<PathBuf>,
-        sets: Vec<(String, String, String)>,
+        sets: Vec<Set>,
         plugins: PathBuf,
         tensorboard: Option<PathBuf>,
     ) -> PyResult<Self> {
@@ -125,13 +135,7 @@ impl Core {
             space.validate(name).map_err(|error| ConfigError::new_err(error.message().to_owned()))?;
         }
         py.detach(move || {
-            let sets = sets.iter().map(|(path, value, written)| Override::new(path, value, written));
-            let sets = sets.collect::<Result<Vec<_>, _>>().map_err(config_error)?;
-            let file = match config {
-                Some(path) => DropInFile::read(path, &sets),
-                None => Defaults::of(&spaces.action).file(&sets),
-            };
-            let file = file.map_err(config_error)?;
+            let file = read(config.as_deref(), Defaults::of(&spaces.action), &sets)?;
             let registry = Registry::scan(&SearchPath::beside(&plugins));
             let mut drop_in = file.open(&registry, Some(spaces)).map_err(config_error)?;
             if let Some(folder) = tensorboard {
@@ -273,16 +277,33 @@ fn verdict(drop_in: &DropIn, decision: Decision) -> Verdict<'static> {
     (name, drop_in.reset_value(), rule, rejection.cause.to_string(), drop_in.reason().to_owned())
 }
 
+fn usual(is_discrete: bool) -> Defaults {
+    if is_discrete { Defaults::Discrete } else { Defaults::Box }
+}
+
 /// The configuration that is used for a box of actions, or for a choice of them.
 #[pyfunction]
 fn usual_config(is_discrete: bool) -> &'static str {
-    if is_discrete { Defaults::Discrete } else { Defaults::Box }.text()
+    usual(is_discrete).text()
+}
+
+/// The RON text at a path of the configuration, the overrides applied; None where nothing is written.
+#[pyfunction]
+fn written_at(
+    config: Option<PathBuf>,
+    is_discrete: bool,
+    sets: Vec<Set>,
+    path: &str,
+) -> PyResult<Option<String>> {
+    let file = read(config.as_deref(), usual(is_discrete), &sets)?;
+    Ok(file.written_at(path).map(str::to_owned))
 }
 
 #[pymodule]
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<Core>()?;
     module.add_function(wrap_pyfunction!(usual_config, module)?)?;
+    module.add_function(wrap_pyfunction!(written_at, module)?)?;
     module.add("ConfigError", module.py().get_type::<ConfigError>())?;
     module.add("ShieldError", module.py().get_type::<ShieldError>())?;
     module.add("__version__", env!("CARGO_PKG_VERSION"))

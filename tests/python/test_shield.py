@@ -45,9 +45,12 @@ RULE = '[(plugin: "ensemble-threshold", config: ({}))]'
 RISING = "q_min: -9.0, schedule: Linear, final_q_min: Some(-9.0), schedule_steps: 1"
 
 
-@pytest.mark.parametrize("rule", ["q_min: -9.0", RISING, "q_min: -9.0 /* schedule: Linear */"])
+@pytest.mark.parametrize(
+    "rule",
+    ["q_min: -9.0", RISING, "q_min: -9.0 /* schedule: Linear */", "q_min: -9.0, schedule: /* none */ Constant"],
+)
 @pytest.mark.parametrize("is_file", [True, False])
-def test_the_argument_q_min_replaces_every_threshold_and_schedule(rule, is_file, tmp_path):
+def test_q_min_is_where_a_schedule_ends_or_all_along_without_one(rule, is_file, tmp_path):
     rules = RULE.format(rule)
     if is_file:
         usual, begin = shield.usual_config(False), "rules: ["

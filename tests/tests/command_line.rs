@@ -161,6 +161,43 @@ fn wrong_input_is_refused_with_its_place() {
 }
 
 #[test]
+fn a_text_of_any_depth_or_length_is_refused_with_its_place() {
+    let good = gridworld(100, "");
+    let deep = |levels: usize| format!("{}1{}", "[".repeat(levels), "]".repeat(levels));
+    let too_deep = "more than 128 brackets";
+    for levels in [200, 3_901, 10_073] {
+        let rules = good.replace("rules: [(", &format!("rules: [{}(", "All([".repeat(levels)));
+        refused(&rules, &[], &["x.ron:9:", too_deep]);
+        let options = good.replace("q_min: 0.4", &format!("q_min: {}0.4", "Some(".repeat(levels)));
+        refused(&options, &[], &["x.ron:9:", too_deep]);
+        refused(&deep(levels), &[], &["x.ron:1:129: ", too_deep]);
+    }
+    refused(&good, &["--set", &format!("reset.config={}", deep(200))], &["--set reset.config=", too_deep]);
+    let nested = format!("environment.config{}=1", ".x".repeat(126));
+    refused(&good, &["--set", &nested], &["--set environment.config.x", too_deep]);
+    let long = format!("{good}//{}", "x".repeat(5 << 20));
+    refused(&long, &[], &["x.ron:16:", "at most 4194304 are read"]);
+    let twice = good.replace("steps: 100,", "steps: 100,\n    steps: 200,");
+    refused(&twice, &[], &["x.ron:4:5: `steps` is given twice"]);
+}
+
+#[test]
+fn a_refused_setting_of_a_plugin_is_named_with_its_place() {
+    let good = gridworld(100, "");
+    let with = |config: &str| good.replace("config: (q_min: 0.4, combine: Optimistic)", config);
+    for (config, place, message) in [
+        ("config: (\n combine: Optimistic,\n q_min: NaN)", "x.ron:11:9: ", "q_min is NaN"),
+        ("config: (q_min: 0.4,\n combine: Quantile(2.0))", "x.ron:10:11: ", "the quantile is 2"),
+        ("config: (\n q_min: 0.4, schedule: Linear)", "x.ron:10:24: ", "a schedule needs final_q_min"),
+        ("config: (\n\n final_q_min: Some(0.4))", "x.ron:11:15: ", "have no effect"),
+        ("config: (\n q_mim: 0.4)", "x.ron:10:2: ", "did you mean `q_min`?"),
+        ("config: (\n combine: KOfN(-1))", "x.ron:10:16: ", "a whole number of at least 0, found -1"),
+    ] {
+        refused(&with(config), &[], &[place, message]);
+    }
+}
+
+#[test]
 fn a_missing_file_and_a_missing_argument_are_input_errors() {
     let output = shield().args(["run", "/nonexistent/x.ron"]).output().unwrap();
     assert_eq!(output.status.code(), Some(2));

@@ -69,7 +69,8 @@ impl Plugin for Gridworld {
         let map = config.map;
         let horizon = config.horizon.unwrap_or(map.horizon);
         if horizon == 0 {
-            return Err(Error::invalid_config("horizon is 0; an episode has at least 1 step"));
+            let message = "horizon is 0; an episode has at least 1 step";
+            return Err(Error::invalid_config(message).in_field("horizon"));
         }
         let cells = 0..map.cells.len();
         Ok(Self {

@@ -28,14 +28,19 @@ shield_api::config! {
 impl GymnasiumConfig {
     /// The arguments as JSON.
     pub fn json_kwargs(&self) -> Result<serde_json::Map<String, Json>> {
-        self.kwargs.iter().map(|(name, value)| Ok((name.clone(), json(name, value)?))).collect()
+        let entry = |(name, value): (&String, &ron::Value)| {
+            let value = json(name, value).map_err(|error| error.in_field(format!("kwargs.{name}")))?;
+            Ok((name.clone(), value))
+        };
+        self.kwargs.iter().map(entry).collect()
     }
 }
 
 /// A time limit, if it is one.
 pub fn seconds(field: &str, value: f64) -> Result<Duration> {
     Duration::try_from_secs_f64(value).ok().filter(|duration| !duration.is_zero()).ok_or_else(|| {
-        Error::invalid_config(format!("`{field}` is {value}; a time limit is finite and above 0"))
+        let message = format!("`{field}` is {value}; a time limit is finite and above 0");
+        Error::invalid_config(message).in_field(field)
     })
 }
 

@@ -36,9 +36,8 @@ impl Plugin for Gymnasium {
 
     fn create(config: GymnasiumConfig, _setup: &Setup) -> Result<Self> {
         if config.id.is_empty() {
-            return Err(Error::invalid_config(
-                "`id` names no environment; give one, for example \"Pendulum-v1\"",
-            ));
+            let message = "`id` names no environment; give one, for example \"Pendulum-v1\"";
+            return Err(Error::invalid_config(message).in_field("id"));
         }
         let start_limit = seconds("start_timeout_s", config.start_timeout_s)?;
         let step_limit = seconds("step_timeout_s", config.step_timeout_s)?;
@@ -46,10 +45,11 @@ impl Plugin for Gymnasium {
         let wanted = Wanted { id: &config.id, import: &config.import, kwargs: config.json_kwargs()? };
         let wanted = serde_json::to_string(&wanted).map_err(|error| Error::failed(error.to_string()))?;
         if !protocol::write_text(worker.memory(), &wanted) {
-            return Err(Error::invalid_config("`kwargs` is longer than a megabyte"));
+            return Err(Error::invalid_config("`kwargs` is longer than a megabyte").in_field("kwargs"));
         }
         ask(&mut worker, &config.id, Command::Make, start_limit, "start_timeout_s").map_err(|error| {
-            Error::invalid_config(format!("{error} (the interpreter is `python: {:?}`)", config.python))
+            let message = format!("{error} (the interpreter is `python: {:?}`)", config.python);
+            Error::invalid_config(message).in_field(error.field().unwrap_or("id"))
         })?;
         let made = protocol::read_text(worker.memory());
         let made: Made = serde_json::from_str(&made)
@@ -65,10 +65,11 @@ fn start(config: &GymnasiumConfig) -> Result<Worker> {
     let options =
         Options { memory: protocol::MEMORY, waiting: Waiting::Blocking, farewell: Duration::from_secs(2) };
     Worker::start(command, options).map_err(|error| {
-        Error::invalid_config(format!(
+        let message = format!(
             "`python`: {error}. Name a Python interpreter, for example \".venv/bin/python\"; a relative path counts from the \
              working directory"
-        ))
+        );
+        Error::invalid_config(message).in_field("python")
     })
 }
 
@@ -82,7 +83,8 @@ fn ask(worker: &mut Worker, id: &str, command: Command, limit: Duration, field: 
             }
             _ => String::new(),
         };
-        return Err(Error::failed(format!("{id}: while asked to {command:?}: {error}{remedy}")));
+        let failed = Error::failed(format!("{id}: while asked to {command:?}: {error}{remedy}"));
+        return Err(if remedy.is_empty() { failed } else { failed.in_field(field) });
     }
     match worker.memory().get::<u32>(protocol::STATUS) {
         protocol::OK => Ok(()),
@@ -113,13 +115,15 @@ fn describe(worker: &mut Worker, made: &Made, config: &GymnasiumConfig) -> Resul
     };
     let spaces = Spaces { observation: space(&made.observation)?, action: space(&made.action)? };
     let episode_length = config.episode_length.or(made.time_limit).ok_or_else(|| {
-        Error::invalid_config(format!(
+        let message = format!(
             "{} is registered without a time limit; give `episode_length`, the most steps of an episode",
             config.id
-        ))
+        );
+        Error::invalid_config(message).in_field("id")
     })?;
     if episode_length == 0 {
-        return Err(Error::invalid_config("`episode_length` is 0; an episode has at least one step"));
+        let message = "`episode_length` is 0; an episode has at least one step";
+        return Err(Error::invalid_config(message).in_field("episode_length"));
     }
     Ok(EnvironmentSpec { spaces, episode_length, brings_reset_reward: false })
 }

@@ -83,7 +83,7 @@ impl Task for CliffCart {
         let is_valid = config.fall_cost.is_finite() && config.fall_cost >= 0.0;
         if !is_valid {
             let message = format!("fall_cost is {}; it must be finite and not negative", config.fall_cost);
-            return Err(Error::invalid_config(message));
+            return Err(Error::invalid_config(message).in_field("fall_cost"));
         }
         Ok(Self { config })
     }

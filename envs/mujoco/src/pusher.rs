@@ -91,7 +91,8 @@ impl Task for Pusher {
         check_start_noise(config.start_noise)?;
         if config.reset_distance.is_nan() || config.reset_distance <= 0.0 {
             let value = config.reset_distance;
-            return Err(Error::invalid_config(format!("reset_distance is {value}; it must be positive")));
+            let message = format!("reset_distance is {value}; it must be positive");
+            return Err(Error::invalid_config(message).in_field("reset_distance"));
         }
         Ok(Self { config })
     }

@@ -77,6 +77,7 @@ pub fn check_cliff_length(length: f64) -> Result<()> {
     if is_valid {
         Ok(())
     } else {
-        Err(Error::invalid_config(format!("cliff_length is {length}; it must be from 1 to 1000 m")))
+        let message = format!("cliff_length is {length}; it must be from 1 to 1000 m");
+        Err(Error::invalid_config(message).in_field("cliff_length"))
     }
 }

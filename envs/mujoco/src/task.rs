@@ -97,12 +97,12 @@ impl<T: Task> Plugin for Robot<T> {
     fn create(config: T::Config, _setup: &Setup) -> Result<Self> {
         let task = T::new(config)?;
         if task.horizon() == 0 {
-            return Err(Error::invalid_config("horizon is 0; an episode has at least 1 step"));
+            let message = "horizon is 0; an episode has at least 1 step";
+            return Err(Error::invalid_config(message).in_field("horizon"));
         }
         if task.control_step() == 0 {
-            return Err(Error::invalid_config(
-                "control_step is 0; an action is held for at least 1 step of the model",
-            ));
+            let message = "control_step is 0; an action is held for at least 1 step of the model";
+            return Err(Error::invalid_config(message).in_field("control_step"));
         }
         let model = task.model();
         let simulation = Simulation::new(&model)?;
@@ -207,6 +207,7 @@ pub fn check_start_noise(noise: f64) -> Result<()> {
     if is_valid {
         Ok(())
     } else {
-        Err(Error::invalid_config(format!("start_noise is {noise}; it must be from 0 to {MOST_START_NOISE}")))
+        let message = format!("start_noise is {noise}; it must be from 0 to {MOST_START_NOISE}");
+        Err(Error::invalid_config(message).in_field("start_noise"))
     }
 }

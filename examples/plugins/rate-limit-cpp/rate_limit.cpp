@@ -19,9 +19,12 @@ struct ShieldInstance {
 namespace {
 
 thread_local std::string create_error;
+thread_local ShieldPositionView create_position;
 
+// A fault of the configuration and its place, from which the host finds the place in the user's file.
 struct InvalidConfig : std::runtime_error {
-    using std::runtime_error::runtime_error;
+    InvalidConfig(const char *message, ShieldPositionView position) : std::runtime_error(message), position(position) {}
+    ShieldPositionView position;
 };
 
 // The one place where an exception ends: as a status, and a message that `last_error` gives.
@@ -31,6 +34,7 @@ template <typename Body> int32_t guarded(std::string &error, Body body) noexcept
         return SHIELD_STATUS_OK;
     } catch (const InvalidConfig &fault) {
         error = fault.what();
+        create_position = fault.position;
         return SHIELD_STATUS_INVALID_CONFIG;
     } catch (const std::invalid_argument &fault) {
         error = fault.what();
@@ -52,6 +56,20 @@ std::vector<float> finite(ShieldFloats values, const char *what) {
     return copy;
 }
 
+// Where the value of the only field stands: line and column, from 1.
+ShieldPositionView value_position(ShieldText config) {
+    ShieldPositionView position = {1, 1};
+    bool is_behind_colon = false;
+    for (size_t i = 0; i < config.length; i++) {
+        uint8_t byte = config.pointer[i];
+        if (is_behind_colon && !std::strchr(" \t\r\n", byte)) return position;
+        is_behind_colon = is_behind_colon || byte == ':';
+        if (byte == '\n') position = {position.line + 1, 1};
+        else if ((byte & 0xC0) != 0x80) position.column++; // columns count characters, not bytes
+    }
+    return {1, 1};
+}
+
 // RON with one field, `(limit: 0.5)`. Anything else is refused: a misspelt field must not be overlooked.
 float read_limit(ShieldText config) {
     std::string text;
@@ -60,16 +78,20 @@ float read_limit(ShieldText config) {
     }
     if (text.empty() || text == "()") return 0.5f;
     const std::string before = "(limit:";
-    if (text.compare(0, before.size(), before) != 0) throw InvalidConfig("the only field is `limit`, as in (limit: 0.5)");
+    if (text.compare(0, before.size(), before) != 0) {
+        throw InvalidConfig("the only field is `limit`, as in (limit: 0.5)", {1, 1});
+    }
+    ShieldPositionView position = value_position(config);
     char *end = nullptr;
     float limit = std::strtof(text.c_str() + before.size(), &end);
     if (*end == ',') end++;
-    if (std::strcmp(end, ")") != 0) throw InvalidConfig("`limit` is not a number, or something follows it");
-    if (!(limit > 0 && std::isfinite(limit))) throw InvalidConfig("`limit` must be above 0");
+    if (std::strcmp(end, ")") != 0) throw InvalidConfig("`limit` is not a number, or something follows it", position);
+    if (!(limit > 0 && std::isfinite(limit))) throw InvalidConfig("`limit` must be above 0", position);
     return limit;
 }
 
 int32_t create(const ShieldCreateArguments *arguments, ShieldInstance **instance) {
+    create_position = {0, 0}; // not known
     return guarded(create_error, [&] { *instance = new ShieldInstance{read_limit(arguments->config), ""}; });
 }
 
@@ -86,7 +108,7 @@ int32_t load(ShieldInstance *rule, const uint8_t *, size_t length) {
 
 size_t last_error(ShieldInstance *rule, uint8_t *buffer, size_t capacity, ShieldPositionView *position) {
     const std::string &message = rule ? rule->error : create_error;
-    if (position) *position = ShieldPositionView{0, 0};
+    if (position) *position = rule ? ShieldPositionView{0, 0} : create_position;
     std::memcpy(buffer, message.data(), message.size() < capacity ? message.size() : capacity);
     return message.size();
 }

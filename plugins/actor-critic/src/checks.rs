@@ -47,6 +47,15 @@ pub fn check_share(name: &'static str, value: impl Into<f64>) -> Result<(), Erro
     check((0.0..=1.0).contains(&value), name, value, "in [0, 1]")
 }
 
+/// Refuses hidden layers that cannot be built: none, or one without units.
+///
+/// # Errors
+/// [`Error::HiddenLayers`].
+pub fn check_layers(name: &'static str, layers: &[usize]) -> Result<(), Error> {
+    let is_valid = !layers.is_empty() && !layers.contains(&0);
+    if is_valid { Ok(()) } else { Err(Error::HiddenLayers { name, layers: layers.to_vec() }) }
+}
+
 /// Refuses an argument of the wrong length or with a value that is not finite.
 pub(crate) fn check_argument(what: &'static str, values: &[f32], expected: usize) -> Result<(), Error> {
     check_length(what, values, expected)?;

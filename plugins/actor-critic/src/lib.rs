@@ -28,7 +28,8 @@ pub use architecture::{Activation, Architecture, Initialisation};
 pub use body::{Body, Buffers};
 pub use checkpoint::{read_state, write_state};
 pub use checks::{
-    check_finite_output, check_finite_setting, check_not_negative, check_positive, check_share, check_unit,
+    check_finite_output, check_finite_setting, check_layers, check_not_negative, check_positive, check_share,
+    check_unit,
 };
 pub use critic_step::CriticStep;
 pub use ensemble::{Ensemble, EnsembleState};
@@ -85,6 +86,14 @@ pub enum Error {
         value: f64,
         /// What it may be.
         allowed: &'static str,
+    },
+    /// The sizes of hidden layers cannot be.
+    #[error("{name} is {layers:?}; it must name at least one layer, and none without units")]
+    HiddenLayers {
+        /// The setting's name.
+        name: &'static str,
+        /// Its value.
+        layers: Vec<usize>,
     },
     /// An argument has the wrong length.
     #[error("{what} has {found} values, expected {expected}")]
@@ -159,10 +168,20 @@ pub enum ErrorKind {
 }
 
 impl Error {
+    /// The name of the setting that is wrong, where one is.
+    pub fn setting(&self) -> Option<&'static str> {
+        match self {
+            Self::Setting { name, .. } | Self::HiddenLayers { name, .. } => Some(name),
+            _ => None,
+        }
+    }
+
     /// Whose fault it is.
     pub fn kind(&self) -> ErrorKind {
         match self {
-            Self::Shape { .. } | Self::NoMembers | Self::Setting { .. } => ErrorKind::Setting,
+            Self::Shape { .. } | Self::NoMembers | Self::Setting { .. } | Self::HiddenLayers { .. } => {
+                ErrorKind::Setting
+            }
             Self::StateLength { .. }
             | Self::StateNotFinite
             | Self::ForeignState(_)

@@ -37,7 +37,7 @@ impl Plugin for Advantage {
     fn create(config: Config, _setup: &Setup) -> Result<Self> {
         let Config { min_advantage, combine } = config;
         require_finite("min_advantage", min_advantage)?;
-        combine.check()?;
+        combine.check("combine")?;
         Ok(Self { min_advantage, combine, advantages: RefCell::default(), row: Row::default() })
     }
 }

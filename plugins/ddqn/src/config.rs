@@ -1,7 +1,7 @@
 //! The configuration, and what it may hold.
 
 use actor_critic::{
-    Activation, Error, Initialisation, Loss, check_finite_setting, check_positive, check_share,
+    Activation, Error, Initialisation, Loss, check_finite_setting, check_layers, check_positive, check_share,
 };
 
 shield_api::config! {
@@ -39,9 +39,10 @@ shield_api::config! {
 }
 
 impl DdqnConfig {
-    /// Refuses values that cannot be. Sizes of networks are checked where these are built.
+    /// Refuses values that cannot be.
     pub(crate) fn validate(&self) -> Result<(), Error> {
         check_positive("members", self.members as f64)?;
+        check_layers("hidden", &self.hidden)?;
         check_positive("rate", self.rate)?;
         check_share("discount", self.discount)?;
         check_positive("tau", self.tau)?;

@@ -51,9 +51,8 @@ impl Plugin for DeadlineLatch {
 
     fn create(config: Config, _setup: &Setup) -> Result<Self> {
         if config.steps == 0 {
-            return Err(Error::invalid_config(
-                "with 0 steps the rule would never reject; it needs at least 1",
-            ));
+            let message = "with 0 steps the rule would never reject; it needs at least 1";
+            return Err(Error::invalid_config(message).in_field("steps"));
         }
         Ok(Self { steps: config.steps, opens_at: 0 })
     }

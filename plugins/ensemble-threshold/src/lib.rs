@@ -43,7 +43,7 @@ impl Plugin for EnsembleThreshold {
     type Config = Config;
 
     fn create(config: Config, _setup: &Setup) -> Result<Self> {
-        config.combine.check()?;
+        config.combine.check("combine")?;
         Ok(Self { threshold: Threshold::new(&config)?, combine: config.combine, row: Row::default() })
     }
 }

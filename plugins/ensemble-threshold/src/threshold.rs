@@ -42,13 +42,13 @@ impl Threshold {
             (Schedule::Constant, None, 0) => q_min,
             (Schedule::Constant, ..) => {
                 let message = "final_q_min and schedule_steps have no effect with `schedule: Constant`; use Linear or Cosine";
-                return Err(Error::invalid_config(message));
+                let field = if final_q_min.is_some() { "final_q_min" } else { "schedule_steps" };
+                return Err(Error::invalid_config(message).in_field(field));
             }
             (_, Some(last), 1..) => last,
             _ => {
-                return Err(Error::invalid_config(
-                    "a schedule needs final_q_min and schedule_steps of 1 or more",
-                ));
+                let message = "a schedule needs final_q_min and schedule_steps of 1 or more";
+                return Err(Error::invalid_config(message).in_field("schedule"));
             }
         };
         let (first, last) = (f64::from(q_min), f64::from(last));

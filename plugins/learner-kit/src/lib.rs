@@ -15,7 +15,10 @@ pub use td3::Td3Config;
 pub fn plugin_error(error: actor_critic::Error) -> Error {
     let message = error.to_string();
     match error.kind() {
-        ErrorKind::Setting => Error::invalid_config(message),
+        ErrorKind::Setting => {
+            let refused = Error::invalid_config(message);
+            error.setting().map_or(refused.clone(), |name| refused.in_field(name))
+        }
         ErrorKind::Argument => Error::invalid_argument(message),
         ErrorKind::Failure => Error::failed(message),
     }

@@ -47,17 +47,21 @@ macro_rules! describe_agent {
                 })
             }
 
-            /// Refuses values that cannot be. Sizes of networks are checked where these are built.
+            /// Refuses values that cannot be.
             fn check_common(&self) -> Result<(), actor_critic::Error> {
-                use actor_critic::{check_finite_setting, check_not_negative, check_positive, check_share};
+                use actor_critic::{
+                    check_finite_setting, check_layers, check_not_negative, check_positive, check_share,
+                };
                 check_positive("critics", self.critics as f64)?;
+                check_layers("actor_hidden", &self.actor_hidden)?;
+                check_layers("critic_hidden", &self.critic_hidden)?;
                 check_positive("actor_rate", self.actor_rate)?;
                 check_positive("critic_rate", self.critic_rate)?;
                 check_share("discount", self.discount)?;
                 check_positive("tau", self.tau)?;
                 check_share("tau", self.tau)?;
                 if let actor_critic::NoiseProcess::OrnsteinUhlenbeck { theta } = self.noise {
-                    check_share("theta", theta)?;
+                    check_share("noise.theta", theta)?;
                 }
                 check_not_negative("sigma", self.sigma)?;
                 check_not_negative("final_sigma", self.final_sigma.unwrap_or(0.0))?;

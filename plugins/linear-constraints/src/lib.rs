@@ -56,13 +56,13 @@ impl Plugin for LinearConstraints {
             if a.len() != width || a.iter().chain([b]).any(|value| !value.is_finite()) {
                 let message =
                     format!("constraints[{index}] needs {width} finite coefficients and a finite bound");
-                return Err(Error::invalid_config(message));
+                return Err(Error::invalid_config(message).in_field(format!("constraints[{index}]")));
             }
         }
         let is_possible = |change: &f32| change.is_finite() && *change >= 0.0;
         if max_change.iter().any(|changes| changes.len() != width || !changes.iter().all(is_possible)) {
             let message = format!("max_change needs {width} values that are finite and not negative");
-            return Err(Error::invalid_config(message));
+            return Err(Error::invalid_config(message).in_field("max_change"));
         }
         if constraints.is_empty() && max_change.is_none() {
             return Err(Error::invalid_config(

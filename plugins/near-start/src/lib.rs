@@ -48,24 +48,21 @@ impl Plugin for NearStart {
         let is_margin = config.margin.is_finite() && config.margin > 0.0;
         let is_radius = config.radius.is_finite() && config.radius >= 0.0;
         if !is_margin {
-            return Err(Error::invalid_config(format!(
-                "margin is {}, but must be finite and above 0",
-                config.margin
-            )));
+            let message = format!("margin is {}, but must be finite and above 0", config.margin);
+            return Err(Error::invalid_config(message).in_field("margin"));
         }
         if !is_radius {
-            return Err(Error::invalid_config(format!(
-                "radius is {}, but must be finite and not negative",
-                config.radius
-            )));
+            let message = format!("radius is {}, but must be finite and not negative", config.radius);
+            return Err(Error::invalid_config(message).in_field("radius"));
         }
         if config.average_over == 0 {
-            return Err(Error::invalid_config("average_over is 0, but at least one start makes a mean"));
+            let message = "average_over is 0, but at least one start makes a mean";
+            return Err(Error::invalid_config(message).in_field("average_over"));
         }
         let mut starts = Starts::new(dimensions);
         if let Some(target) = &config.target {
             check_finite("target", target, dimensions)
-                .map_err(|error| Error::invalid_config(error.message()))?;
+                .map_err(|error| Error::invalid_config(error.message()).in_field("target"))?;
             starts.observe(target);
         }
         Ok(Self {
@@ -82,14 +79,16 @@ impl Plugin for NearStart {
 
 fn normalised(weights: Option<Vec<f32>>, dimensions: usize) -> Result<Vec<f64>> {
     let weights = weights.unwrap_or_else(|| vec![1.0; dimensions]);
-    check_finite("weights", &weights, dimensions).map_err(|error| Error::invalid_config(error.message()))?;
+    check_finite("weights", &weights, dimensions)
+        .map_err(|error| Error::invalid_config(error.message()).in_field("weights"))?;
     if let Some(negative) = weights.iter().position(|weight| *weight < 0.0) {
         let message = format!("weights[{negative}] is {}, but must not be negative", weights[negative]);
-        return Err(Error::invalid_config(message));
+        return Err(Error::invalid_config(message).in_field(format!("weights[{negative}]")));
     }
     let sum: f64 = weights.iter().copied().map(f64::from).sum();
     if sum == 0.0 {
-        return Err(Error::invalid_config("weights are all 0, so that no dimension counts"));
+        let message = "weights are all 0, so that no dimension counts";
+        return Err(Error::invalid_config(message).in_field("weights"));
     }
     Ok(weights.into_iter().map(|weight| f64::from(weight) / sum).collect())
 }

@@ -63,9 +63,8 @@ fn check_output(config: &OnnxConfig, network: &Network, action: &Space) -> Resul
         Space::Box { low, .. } => format!("the environment's action has {}", low.len()),
         Space::Discrete { n } if length == *n || length == 1 => {
             if config.output == Output::Normalised {
-                return Err(Error::invalid_config(
-                    "`output: Normalised` means nothing for discrete actions; leave it out",
-                ));
+                let message = "`output: Normalised` means nothing for discrete actions; leave it out";
+                return Err(Error::invalid_config(message).in_field("output"));
             }
             return Ok(());
         }
@@ -73,10 +72,11 @@ fn check_output(config: &OnnxConfig, network: &Network, action: &Space) -> Resul
             format!("the environment has {n} actions: one value for each, or the index alone")
         }
     };
-    Err(Error::invalid_config(format!(
+    let message = format!(
         "`path`: {}: its first output has the shape {shape:?}, {length} values; {expected}",
         config.path
-    )))
+    );
+    Err(Error::invalid_config(message).in_field("path"))
 }
 
 impl Policy for Onnx {

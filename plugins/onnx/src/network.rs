@@ -27,9 +27,10 @@ pub struct Network {
 impl Network {
     /// Reads the file at `path` for observations of `observation_len` values. Only the first output is used and computed.
     pub fn read(path: &str, observation_len: usize) -> Result<Self> {
-        let refused = |reason: String| Error::invalid_config(format!("`path`: {path}: {reason}"));
+        let in_path = |message: String| Error::invalid_config(message).in_field("path");
+        let refused = |reason: String| in_path(format!("`path`: {path}: {reason}"));
         if path.is_empty() {
-            return Err(Error::invalid_config("`path` names no file; give the policy's .onnx file"));
+            return Err(in_path("`path` names no file; give the policy's .onnx file".into()));
         }
         let file = regular_file::open(path).map_err(|error| {
             refused(format!("cannot be read: {error}; a relative path counts from the working directory"))

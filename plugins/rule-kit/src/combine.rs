@@ -21,18 +21,19 @@ pub enum Combine {
 }
 
 impl Combine {
-    /// Refuses a quantile that is none, and 0 of n.
+    /// Refuses a quantile outside [0, 1], and 0 of n, in the setting of this name.
     ///
     /// # Errors
     /// It is such.
-    pub fn check(self) -> Result<()> {
-        match self {
+    pub fn check(self, name: &str) -> Result<()> {
+        let message = match self {
             Self::Quantile(share) if !(0.0..=1.0).contains(&share) => {
-                Err(Error::invalid_config(format!("the quantile is {share}, but must lie in [0, 1]")))
+                format!("the quantile is {share}, but must lie in [0, 1]")
             }
-            Self::KOfN(0) => Err(Error::invalid_config("0 of n members agree always; k must be at least 1")),
-            _ => Ok(()),
-        }
+            Self::KOfN(0) => "0 of n members agree always; k must be at least 1".into(),
+            _ => return Ok(()),
+        };
+        Err(Error::invalid_config(message).in_field(name))
     }
 
     /// How many members must reach the threshold; `None` where their mean must.

@@ -20,7 +20,7 @@ pub fn require_values(values: &[f32]) -> Result<()> {
     Ok(())
 }
 
-/// Refuses a setting that is not finite.
+/// Refuses a setting of this name that is not finite.
 ///
 /// # Errors
 /// It is NaN or infinite.
@@ -28,7 +28,7 @@ pub fn require_finite(name: &str, value: f32) -> Result<()> {
     if value.is_finite() {
         return Ok(());
     }
-    Err(Error::invalid_config(format!("{name} is {value}, but must be finite")))
+    Err(Error::invalid_config(format!("{name} is {value}, but must be finite")).in_field(name))
 }
 
 /// Room for a row `A a ≤ b`, reused from row to row.

@@ -58,6 +58,6 @@ fn check(is_valid: bool, name: &str, value: impl std::fmt::Display, allowed: &st
     if is_valid {
         Ok(())
     } else {
-        Err(Error::invalid_config(format!("{name} is {value}; it must be {allowed}")))
+        Err(Error::invalid_config(format!("{name} is {value}; it must be {allowed}")).in_field(name))
     }
 }

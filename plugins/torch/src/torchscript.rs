@@ -34,7 +34,8 @@ impl Plugin for TorchScript {
         let device = Device::cuda_if_available();
         tch::set_num_threads(setup.threads as i32);
         let mut module = CModule::load_on_device(&config.path, device).map_err(|error| {
-            Error::invalid_config(format!("path is {:?}, which is no TorchScript file: {error}", config.path))
+            let message = format!("path is {:?}, which is no TorchScript file: {error}", config.path);
+            Error::invalid_config(message).in_field("path")
         })?;
         module.f_set_eval().map_err(failed)?;
         let spread = match (config.in_unit_box, &spaces.action) {
@@ -44,7 +45,8 @@ impl Plugin for TorchScript {
                 Some(low.iter().zip(high).map(spread).collect())
             }
             (true, shield_api::Space::Discrete { .. }) => {
-                return Err(Error::invalid_config("in_unit_box needs continuous actions"));
+                let message = "in_unit_box needs continuous actions";
+                return Err(Error::invalid_config(message).in_field("in_unit_box"));
             }
         };
         let mut policy = Self {
@@ -55,9 +57,10 @@ impl Plugin for TorchScript {
             action_len: spaces.action_len(),
         };
         // A file for another robot is refused here, not in the middle of a run.
-        policy.play(&vec![0.0; policy.observation_len], &mut vec![0.0; policy.action_len]).map_err(
-            |error| Error::invalid_config(format!("{:?} does not fit the spaces: {error}", config.path)),
-        )?;
+        policy.play(&vec![0.0; policy.observation_len], &mut vec![0.0; policy.action_len]).map_err(|error| {
+            let message = format!("{:?} does not fit the spaces: {error}", config.path);
+            Error::invalid_config(message).in_field("path")
+        })?;
         Ok(policy)
     }
 }

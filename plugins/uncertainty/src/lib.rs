@@ -45,7 +45,8 @@ impl Plugin for Uncertainty {
         let Config { limit, spread } = config;
         require_finite("limit", limit)?;
         if limit < 0.0 {
-            return Err(Error::invalid_config(format!("limit is {limit}, but must not be negative")));
+            let message = format!("limit is {limit}, but must not be negative");
+            return Err(Error::invalid_config(message).in_field("limit"));
         }
         Ok(Self { limit, spread, row: Row::default() })
     }

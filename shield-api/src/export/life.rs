@@ -200,7 +200,7 @@ unsafe fn make<T: Plugin>(arguments: *const CreateArguments) -> Result<T> {
         }
         _ => Setup::new(seed, threads, host),
     };
-    T::create(config, &setup)
+    T::create(config, &setup).map_err(|error| error.located_in(text))
 }
 
 unsafe extern "C" fn create<T: Plugin>(

@@ -15,6 +15,11 @@ class ShieldError(RuntimeError):
 def usual_config(is_discrete: bool) -> str:
     """The configuration, as RON, that is used for a box of actions or for a choice of them."""
 
+def written_at(
+    config: str | os.PathLike[str] | None, is_discrete: bool, sets: list[tuple[str, str, str]], path: str
+) -> str | None:
+    """The RON text at a path of the configuration, with the overrides; None where nothing is written."""
+
 @final
 class Core:
     rules: list[str]

@@ -16,20 +16,22 @@ PATHS = {
 }
 
 
-def overrides(
-    settings: Mapping[str, Any], q_min: float | None, further: Mapping[str, Any], has_schedule: bool
-) -> list[tuple[str, str, str]]:
-    """Path, RON value, and what the user wrote. An argument that is None was not given.
+#: Where the schedule of Q_min stands.
+SCHEDULE = "shield.rules[0].config.schedule"
 
-    Where Q_min has a schedule, as in the usual configuration, `q_min` is where it ends.
-    """
+
+def overrides(settings: Mapping[str, Any], further: Mapping[str, Any]) -> list[tuple[str, str, str]]:
+    """Path, RON value, and what the user wrote. An argument that is None was not given."""
     given = [(PATHS[name], ron(value), name, value) for name, value in settings.items() if value is not None]
     given += [(path, ron(value), f"overrides[{path!r}]", value) for path, value in further.items()]
-    if q_min is not None:
-        # Last, for an override may have put another rule there.
-        field, value = ("final_q_min", f"Some({ron(q_min)})") if has_schedule else ("q_min", ron(q_min))
-        given.append((f"shield.rules[0].config.{field}", value, "q_min", q_min))
     return [(path, value, f"{name}={written!r}") for path, value, name, written in given]
+
+
+def override_of_q_min(q_min: float, schedule: str | None) -> tuple[str, str, str]:
+    """The same for `q_min`. Where Q_min has a schedule, as in the usual configuration, `q_min` is where it ends."""
+    has_schedule = schedule is not None and schedule != "Constant"
+    field, value = ("final_q_min", f"Some({ron(q_min)})") if has_schedule else ("q_min", ron(q_min))
+    return f"shield.rules[0].config.{field}", value, f"q_min={q_min!r}"
 
 
 def ron(value: Any) -> str:

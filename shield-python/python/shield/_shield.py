@@ -11,15 +11,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from gymnasium import spaces
 
-from ._core import ConfigError, Core
+from ._core import Core, written_at
+from ._settings import SCHEDULE, override_of_q_min
 from ._settings import overrides as as_overrides
 from ._spaces import Floats, Observations, actions
 
 #: With a reset reward alone, a state that is worth more than this is in the reset set (the paper, appendix C).
 RESET_SET_ABOVE = 0.7
-
-# So the rule refuses an end of a schedule that it does not have.
-_NO_SCHEDULE = "have no effect with `schedule: Constant`"
 
 _PLUGINS = pathlib.Path(__file__).parent / "plugins"
 
@@ -106,18 +104,14 @@ class Shield:
         self._observations, self._actions = Observations(observation_space), actions(action_space)
         low, high = self._observations.low.tolist(), self._observations.high.tolist()
 
-        def core(has_schedule: bool) -> Core:
-            sets = as_overrides(settings, q_min, overrides or {}, has_schedule)
-            if self._is_told:
-                sets.insert(0, ("reset_task", "None", "reset_reward and in_reset_set"))
-            return Core((low, high), self._actions.form, config, sets, _PLUGINS, tensorboard)
-
-        try:
-            self._core = core(has_schedule=True)
-        except ConfigError as error:
-            if q_min is None or _NO_SCHEDULE not in str(error):
-                raise
-            self._core = core(has_schedule=False)
+        sets = as_overrides(settings, overrides or {})
+        if self._is_told:
+            sets.insert(0, ("reset_task", "None", "reset_reward and in_reset_set"))
+        if q_min is not None:
+            # Last, for an override may have put another rule there.
+            is_discrete = isinstance(action_space, spaces.Discrete)
+            sets.append(override_of_q_min(q_min, written_at(config, is_discrete, sets, SCHEDULE)))
+        self._core = Core((low, high), self._actions.form, config, sets, _PLUGINS, tensorboard)
         if not self._is_told and not self._core.has_reset_task:
             raise ValueError(
                 'nothing says what "reset" means: give reset_reward or in_reset_set, or name a `reset_task` in the'

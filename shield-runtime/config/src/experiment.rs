@@ -10,16 +10,18 @@ mod overrides;
 mod path;
 mod pins;
 mod resolved;
+mod ron_text;
 #[cfg(test)]
 mod tests;
-mod tree;
 mod validate;
 mod variant;
 
 use std::path::{Path, PathBuf};
 
-use serde::de::IgnoredAny;
-use shield_api::{regular_file, ron_options};
+use shield_api::{
+    notation::{Fault, Node, did_you_mean, parse},
+    regular_file,
+};
 
 pub use config::{
     BetweenAttempts, CheckpointConfig, DropInConfig, Endings, EvaluatedAgent, EvaluationConfig,
@@ -32,13 +34,12 @@ pub use difference::{Difference, differences, first_difference};
 pub use drop_in::DropInFile;
 pub use error::{InputError, Location};
 pub use overrides::Override;
+pub use ron_text::RonText;
 pub use validate::check_folder_name;
 pub use variant::Source;
 pub use variant::Variant;
 
-use error::{Fault, did_you_mean};
 use overrides::{Declared, declared};
-use tree::Node;
 
 /// The name of the variant of an experiment that declares none.
 const ONLY_VARIANT: &str = "default";
@@ -78,23 +79,20 @@ impl ExperimentFile {
     /// # Errors
     /// The first fault, with its place and, where known, the remedy.
     pub fn variants(&self, sets: &[Override], only: Option<&[String]>) -> Result<Vec<Variant>, InputError> {
-        let declared = self.declared().map_err(|fault| InputError {
-            location: self.location(fault.offset),
-            message: fault.message,
-            remedy: fault.remedy,
-        })?;
+        let root = self.tree()?;
+        let declared = self.declared(&root).map_err(|fault| self.error(fault))?;
         if let Some(wanted) = only {
             self.know_all(wanted, &declared)?;
         }
         let is_wanted = |name: &str| only.is_none_or(|wanted| wanted.iter().any(|one| one == name));
         if declared.is_empty() {
-            let variant = Variant::read(self, ONLY_VARIANT, false, sets.to_vec())?;
+            let variant = Variant::read(self, &root, ONLY_VARIANT, false, sets.to_vec())?;
             pins::check_used(std::slice::from_ref(&variant))?;
             return Ok(vec![variant]);
         }
         let read = |Declared { name, mut overrides, .. }| {
             overrides.extend_from_slice(sets);
-            Variant::read(self, &name, true, overrides)
+            Variant::read(self, &root, &name, true, overrides)
         };
         let wanted = declared.into_iter().filter(|variant| is_wanted(&variant.name));
         let variants = wanted.map(read).collect::<Result<Vec<_>, _>>()?;
@@ -104,21 +102,21 @@ impl ExperimentFile {
         Ok(variants)
     }
 
-    fn declared(&self) -> Result<Vec<Declared>, Fault> {
-        let text = &self.text;
-        ron_options().from_str::<IgnoredAny>(text).map_err(|error| Fault::from_ron(text, &error))?;
-        let root = Node::parse(text).map_err(|offset| Fault {
-            offset,
-            message: "this is not RON".into(),
-            remedy: None,
-        })?;
-        let declared = declared(self, &root)?;
+    /// The tree of its text.
+    fn tree(&self) -> Result<Node, InputError> {
+        parse(&self.text).map_err(|fault| self.error(fault))
+    }
+
+    fn error(&self, fault: Fault) -> InputError {
+        let location = self.location(fault.offset());
+        InputError { location, message: fault.message, remedy: fault.remedy }
+    }
+
+    fn declared(&self, root: &Node) -> Result<Vec<Declared>, Fault> {
+        let declared = declared(self, root)?;
         for variant in &declared {
-            validate::folder_name("", &variant.name).map_err(|complaint| Fault {
-                offset: variant.name_start,
-                message: complaint.message,
-                remedy: None,
-            })?;
+            validate::folder_name("", &variant.name)
+                .map_err(|complaint| Fault::new(variant.name_start, complaint.message))?;
         }
         Ok(declared)
     }

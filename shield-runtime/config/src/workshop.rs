@@ -172,8 +172,9 @@ impl Workshop<'_> {
         }
     }
 
-    /// What was refused of the value at `path`.
+    /// What cannot be done with the value at `path`, at the field of it that the error names.
     pub fn refused(&self, path: &str, error: &shield_api::Error) -> InputError {
-        self.source.error_at(path, None, error.message())
+        let path = error.field().map_or_else(|| path.to_owned(), |field| format!("{path}.{field}"));
+        self.source.error_at(&path, None, error.message())
     }
 }

@@ -8,9 +8,9 @@ mod rules;
 mod shield;
 
 use indexmap::IndexMap;
-use ron::value::RawValue;
 use serde::{Deserialize, Serialize};
 
+use super::ron_text::RonText;
 pub use shield_core::settings::{
     BetweenAttempts, Endings, EvaluatedAgent, Mode, OnAbort, OnResetFailure, OnResetSuccess,
     ProjectionConfig, QpConfig, RecordConfig, ResetTest, Updates,
@@ -73,7 +73,7 @@ pub struct Experiment {
     pub pins: IndexMap<String, String>,
     /// Named lists of overrides, `"name": [("path.to.field", value)]`. Without any, there is one variant, `default`.
     #[serde(default, skip_serializing_if = "IndexMap::is_empty")]
-    pub variants: IndexMap<String, Vec<(String, Box<RawValue>)>>,
+    pub variants: IndexMap<String, Vec<(String, RonText)>>,
 }
 
 impl Experiment {

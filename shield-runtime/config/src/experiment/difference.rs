@@ -1,9 +1,10 @@
 //! Where two resolved configurations differ.
 
-use std::fmt;
+use std::{collections::HashMap, fmt};
+
+use shield_api::notation::{Node, parse};
 
 use super::resolved::flat;
-use super::tree::{Entry, Node};
 
 /// A field that differs.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -32,7 +33,7 @@ pub fn first_difference(first: &str, second: &str) -> Option<Difference> {
 pub fn differences(first: &str, second: &str) -> Vec<Difference> {
     let whole = |text: &str| (!text.trim().is_empty()).then(|| "not RON".to_owned());
     let mut found = Vec::new();
-    match (Node::parse(first), Node::parse(second)) {
+    match (parse(first), parse(second)) {
         (Ok(one), Ok(other)) => compare("", (&one, first), (&other, second), &mut found),
         _ if first == second => (),
         _ => {
@@ -51,7 +52,7 @@ fn compare(path: &str, one: (&Node, &str), other: (&Node, &str), found: &mut Vec
         found.push(Difference { path, first, second });
     };
     let is_compound = a.children().next().is_some() && b.children().next().is_some();
-    let has_same_name = name(a, first) == name(b, second);
+    let has_same_name = a.name(first) == b.name(second);
     let has_same_length = a.items().len() == b.items().len();
     if !is_compound || !has_same_name || !has_same_length {
         let (x, y) = (flat(a, first), flat(b, second));
@@ -60,35 +61,28 @@ fn compare(path: &str, one: (&Node, &str), other: (&Node, &str), found: &mut Vec
         }
         return;
     }
-    let place = |entries: &[Entry], key: &str| entries.iter().position(|entry| entry.key == key);
-    for entry in a.entries() {
-        if place(b.entries(), &entry.key).is_none() {
-            differ(Some(flat(&entry.value, first)), None, join(path, &entry.key));
-        }
+    let (ours, theirs) = (by_key(a), by_key(b));
+    for entry in a.entries().iter().filter(|entry| !theirs.contains_key(entry.key.as_str())) {
+        differ(Some(flat(&entry.value, first)), None, join(path, &entry.key));
     }
-    for entry in b.entries() {
-        if place(a.entries(), &entry.key).is_none() {
-            differ(None, Some(flat(&entry.value, second)), join(path, &entry.key));
-        }
+    for entry in b.entries().iter().filter(|entry| !ours.contains_key(entry.key.as_str())) {
+        differ(None, Some(flat(&entry.value, second)), join(path, &entry.key));
     }
     for entry in a.entries() {
-        if let Some(at) = place(b.entries(), &entry.key) {
-            let other = &b.entries()[at].value;
+        if let Some(other) = theirs.get(entry.key.as_str()) {
             compare(&join(path, &entry.key), (&entry.value, first), (other, second), found);
         }
     }
     // `Some(…)` and the like around one value are no place of their own in a path.
-    let is_wrapper = a.named && a.items().len() == 1;
+    let is_wrapper = a.is_named() && a.items().len() == 1;
     for (index, (one, other)) in a.items().iter().zip(b.items()).enumerate() {
         let inside = if is_wrapper { path.to_owned() } else { format!("{path}[{index}]") };
         compare(&inside, (one, first), (other, second), found);
     }
 }
 
-/// What stands before the bracket.
-fn name<'a>(node: &Node, text: &'a str) -> &'a str {
-    let whole = &text[node.span.clone()];
-    whole.split(['(', '[', '{']).next().unwrap_or_default().trim_end()
+fn by_key(node: &Node) -> HashMap<&str, &Node> {
+    node.entries().iter().map(|entry| (entry.key.as_str(), &entry.value)).collect()
 }
 
 fn join(path: &str, key: &str) -> String {

@@ -1,6 +1,6 @@
 //! What is said of a shield around somebody's own policy and environment: a RON file without environment and forward agent.
 
-use std::path::Path;
+use std::{collections::HashSet, path::Path};
 
 use super::config::DropInConfig;
 use super::validate::validate_drop_in;
@@ -32,14 +32,19 @@ impl DropInFile {
     }
 
     fn from_file(file: &ExperimentFile, sets: &[Override]) -> Result<Self, InputError> {
-        let source = Source::new(file, None, sets.to_vec())?;
+        let source = Source::new(file, file.tree()?, None, sets.to_vec())?;
         let config: DropInConfig = source.read(validate_drop_in)?;
-        let named = config.plugins();
-        let unused = config.pins.keys().find(|id| !named.iter().any(|(_, _, choice)| choice.plugin == **id));
-        if let Some(id) = unused {
+        let named: HashSet<&str> =
+            config.plugins().iter().map(|(_, _, choice)| choice.plugin.as_str()).collect();
+        if let Some(id) = config.pins.keys().find(|id| !named.contains(id.as_str())) {
             let message = format!("{id:?} is pinned, but no plugin of that id is used");
             return Err(source.error_at(&format!("pins.{id}"), None, message));
         }
         Ok(Self { config, source })
+    }
+
+    /// The RON text at a path such as `shield.rules[0].config.schedule`, the overrides applied; `None` where nothing is written.
+    pub fn written_at(&self, path: &str) -> Option<&str> {
+        self.source.written_at(path)
     }
 }

@@ -1,14 +1,18 @@
 //! Values that a variant or the command line puts in the place of others.
 
-use serde::Deserialize;
-use serde::de::IgnoredAny;
-use shield_api::ron_options;
-
 use indexmap::IndexMap;
+use serde::{Deserialize, de::IgnoredAny};
+use shield_api::notation::{Entry, Fault, Node, from_node, parse};
 
-use super::ExperimentFile;
-use super::error::{Fault, InputError, Location};
-use super::tree::Node;
+use super::{
+    ExperimentFile,
+    error::{InputError, Location},
+};
+
+/// How many overrides may apply to one configuration.
+pub(super) const MOST_OVERRIDES: usize = 1_000;
+/// How many variants a file may declare.
+const MOST_VARIANTS: usize = 1_000;
 
 /// A value for one path.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -52,18 +56,17 @@ impl Override {
     /// The value is not RON.
     pub fn new(path: &str, value: &str, argument: impl Into<String>) -> Result<Self, InputError> {
         let argument = argument.into();
-        let wrong = |message: String, remedy| InputError {
-            location: Location::Argument(argument.clone()),
-            message: format!("the value {value:?} is not RON: {message}"),
-            remedy,
-        };
-        let quotes = || Some("a text needs quotes, for the shell as well: --set 'name=\"x\"'".to_owned());
-        if let Err(error) = ron_options().from_str::<IgnoredAny>(value) {
-            return Err(wrong(Fault::from_ron(value, &error).message, quotes()));
+        match parse(value) {
+            Ok(node) => {
+                let value = value[node.span].to_owned();
+                Ok(Self { path: path.into(), value, origin: Given::Argument(argument) })
+            }
+            Err(fault) => Err(InputError {
+                location: Location::Argument(argument),
+                message: format!("the value is not RON: {}", fault.message),
+                remedy: Some("a text needs quotes, for the shell as well: --set 'name=\"x\"'".into()),
+            }),
         }
-        let node = Node::parse(value).map_err(|_| wrong("it cannot be read".into(), quotes()))?;
-        let value = value[node.span].to_owned();
-        Ok(Self { path: path.into(), value, origin: Given::Argument(argument) })
     }
 }
 
@@ -84,29 +87,23 @@ pub(super) struct Declared {
 
 /// The variants of a file whose tree is `root`, in its order.
 pub(super) fn declared(file: &ExperimentFile, root: &Node) -> Result<Vec<Declared>, Fault> {
-    let read: VariantsOnly =
-        ron_options().from_str(&file.text).map_err(|error| Fault::from_ron(&file.text, &error))?;
-    let Some(entry) = root.entries().iter().find(|entry| entry.key == "variants") else {
-        return Ok(Vec::new());
-    };
-    let mut found: Vec<Declared> = Vec::new();
-    for (name, pairs) in &read.variants {
-        let mut same = entry.value.entries().iter().filter(|variant| variant.key == *name);
-        let Some(variant) = same.next() else { continue };
-        if let Some(second) = same.next() {
-            let message = format!("the variant `{name}` is declared twice");
-            return Err(Fault { offset: second.key_start, message, remedy: None });
-        }
-        let overrides = pairs.iter().zip(variant.value.items()).filter_map(|((path, _), pair)| {
+    let VariantsOnly { variants } = from_node(&file.text, root)?;
+    let written = root.entry("variants").map_or(&[][..], |entry| entry.value.entries());
+    if let Some(beyond) = written.get(MOST_VARIANTS) {
+        let message = format!("there are {} variants; at most {MOST_VARIANTS} are read", written.len());
+        return Err(Fault::new(beyond.key_node.span.start, message));
+    }
+    let variant = |((name, pairs), entry): ((String, Vec<(String, IgnoredAny)>), &Entry)| {
+        let overrides = pairs.into_iter().zip(entry.value.items());
+        let overrides = overrides.filter_map(|((path, _), pair)| {
             let [at_path, at_value] = pair.items() else { return None };
             Some(Override {
-                path: path.clone(),
+                path,
                 value: file.text[at_value.span.clone()].to_owned(),
                 origin: Given::File { path: at_path.span.start, value: at_value.span.start },
             })
         });
-        let overrides = overrides.collect();
-        found.push(Declared { name: name.clone(), name_start: variant.key_start, overrides });
-    }
-    Ok(found)
+        Declared { name, name_start: entry.key_node.span.start, overrides: overrides.collect() }
+    };
+    Ok(variants.into_iter().zip(written).map(variant).collect())
 }

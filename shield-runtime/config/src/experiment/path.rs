@@ -1,120 +1,78 @@
 //! Paths into a RON text, such as `shield.rules[0].config.q_min`.
 
-use super::edit::{EditedText, Origin};
-use super::error::did_you_mean;
-use super::tree::{Kind, Node};
+use shield_api::notation::{Kind, Node, Segment, did_you_mean, segments};
 
-/// One step of a path.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Segment<'a> {
-    Field(&'a str),
-    Index(usize),
-}
-
-/// Splits a path; an empty path is the whole text.
-fn segments(path: &str) -> Result<Vec<Segment<'_>>, String> {
-    let malformed = || format!("`{path}` is not a path; it should look like `shield.rules[0].config.q_min`");
-    let mut found = Vec::new();
-    for part in path.split('.').filter(|_| !path.is_empty()) {
-        let (field, indices) = part.find('[').map_or((part, ""), |bracket| part.split_at(bracket));
-        if field.is_empty() || !(indices.is_empty() || indices.ends_with(']')) {
-            return Err(malformed());
-        }
-        found.push(Segment::Field(field));
-        for index in indices.split_terminator(']') {
-            let digits = index.strip_prefix('[').and_then(|digits| digits.parse().ok());
-            found.push(Segment::Index(digits.ok_or_else(malformed)?));
-        }
-    }
-    Ok(found)
-}
-
-fn child<'a>(node: &'a Node, segment: Segment) -> Option<&'a Node> {
-    let node = node.inner();
-    match segment {
-        Segment::Field(name) => {
-            node.entries().iter().find(|entry| entry.key == name).map(|entry| &entry.value)
-        }
-        Segment::Index(index) => node.items().get(index),
-    }
-}
-
-/// The value at a path, or the nearest one around it, and whether it is the value itself.
-pub(super) fn nearest<'a>(root: &'a Node, path: &str) -> (&'a Node, bool) {
-    let Ok(segments) = segments(path) else { return (root, false) };
-    let mut node = root;
-    for segment in segments {
-        match child(node, segment) {
-            Some(found) => node = found,
-            None => return (node, false),
-        }
-    }
-    (node, true)
-}
+use super::edit::{EditedText, Origin, place_for_field};
 
 /// Gives the value at a path; fields that are missing are written, and the structures around them.
 /// `value` is the text with the index of its override.
 ///
 /// # Errors
 /// A sentence that says why there is no such place.
-pub(super) fn set(
-    edited: &mut EditedText,
-    root: &Node,
-    path: &str,
-    value: (&str, usize),
-) -> Result<(), String> {
+pub(super) fn set(edited: &mut EditedText, path: &str, value: (&str, usize)) -> Result<(), String> {
     let (text, index) = value;
     let segments = segments(path)?;
-    let mut node = root;
+    let mut node = edited.root();
     for (depth, segment) in segments.iter().enumerate() {
-        match child(node, *segment) {
+        match node.child(*segment) {
             Some(found) => node = found,
-            None => return insert(edited, node.inner(), &segments[depth..], value),
+            None => return insert(edited, segments.split_at(depth), value),
         }
     }
-    edited.replace(node.span.clone(), &[(text, Origin::Value(index, 0))]);
-    Ok(())
+    edited.replace(&segments, &[(text, Origin::Value(index, 0))]).map_err(|fault| fault.message)
 }
 
 fn insert(
     edited: &mut EditedText,
-    node: &Node,
-    missing: &[Segment],
-    value: (&str, usize),
+    (present, missing): (&[Segment<'_>], &[Segment<'_>]),
+    (text, index): (&str, usize),
 ) -> Result<(), String> {
-    let is_none = &edited.text()[node.span.clone()] == "None";
-    let (range, before, after) = match node.place_for_field() {
-        Some((at, true)) => (at..at, ", ", ""),
-        Some((at, false)) => (at..at, "", ""),
-        None if is_none => (node.span.clone(), "(", ")"),
-        None => return Err(why_not(node, missing[0])),
+    let found = present.iter().try_fold(edited.root(), |node, segment| node.child(*segment));
+    let node = found.unwrap_or(edited.root()).inner();
+    let is_none = node.is_leaf() && node.name(edited.text()) == "None";
+    if place_for_field(node).is_none() && !is_none {
+        return Err(why_not(node, missing[0]));
+    }
+    let (before, closing) = around(node, missing)?;
+    let (origin, value) = (Origin::Around(index), (text, Origin::Value(index, 0)));
+    let inserted = if is_none {
+        let (before, closing) = (format!("({before}"), format!("{closing})"));
+        edited.replace(present, &[(&before, origin), value, (&closing, origin)])
+    } else {
+        edited.insert(present, &[(&before, origin), value, (&closing, origin)])
     };
-    let is_map = matches!(node.kind, Kind::Map(..));
-    let mut around = before.to_owned();
+    inserted.map_err(|fault| fault.message)
+}
+
+/// What stands before and behind the value of a field that is missing in `node`, with the structures around it.
+fn around(node: &Node, missing: &[Segment<'_>]) -> Result<(String, String), String> {
+    let is_map = matches!(node.kind, Kind::Map(_));
+    let mut before = String::new();
     for (depth, segment) in missing.iter().enumerate() {
         let Segment::Field(name) = segment else {
             return Err(no_list(node, &missing[..depth]).unwrap_or_else(|| why_not(node, *segment)));
         };
         if is_map && depth == 0 {
-            around += &format!("{name:?}: ");
-        } else if name.chars().all(|character| character.is_alphanumeric() || character == '_') {
-            around += &format!("{name}: ");
+            before += &format!("{name:?}: ");
+        } else if is_field_name(name) {
+            before += &format!("{name}: ");
         } else {
             return Err(format!("`{name}` cannot be the name of a field"));
         }
         if depth + 1 < missing.len() {
-            around.push('(');
+            before.push('(');
         }
     }
-    let closing = format!("{}{after}", ")".repeat(missing.len() - 1));
-    let (text, index) = value;
-    let origin = Origin::Around(index);
-    edited.replace(range, &[(&around, origin), (text, Origin::Value(index, 0)), (&closing, origin)]);
-    Ok(())
+    Ok((before, ")".repeat(missing.len() - 1)))
+}
+
+fn is_field_name(name: &str) -> bool {
+    let begins = name.starts_with(|first: char| first.is_alphabetic() || first == '_');
+    begins && name.chars().all(|character| character.is_alphanumeric() || character == '_')
 }
 
 /// What is wrong with an element of a list that is not written, `fields` inside `node`; `None` if no field is missing.
-fn no_list(node: &Node, fields: &[Segment]) -> Option<String> {
+fn no_list(node: &Node, fields: &[Segment<'_>]) -> Option<String> {
     let names: Vec<&str> = fields
         .iter()
         .filter_map(|segment| match segment {
@@ -127,10 +85,10 @@ fn no_list(node: &Node, fields: &[Segment]) -> Option<String> {
     Some(format!("there is no list `{}`{}", names.join("."), remedy.unwrap_or_default()))
 }
 
-fn why_not(node: &Node, segment: Segment) -> String {
+fn why_not(node: &Node, segment: Segment<'_>) -> String {
     match (segment, &node.kind) {
         (Segment::Field(name), _) => format!("there is no place for `{name}`: the value there has no fields"),
-        (Segment::Index(index), Kind::List(..)) => {
+        (Segment::Index(index), Kind::List(_)) => {
             format!("there is no element [{index}]: the list has {}", node.items().len())
         }
         (Segment::Index(index), _) => format!("there is no element [{index}]: there is no list"),
@@ -139,12 +97,13 @@ fn why_not(node: &Node, segment: Segment) -> String {
 
 #[cfg(test)]
 mod tests {
+    use shield_api::notation::parse;
+
     use super::*;
 
     fn set_in(text: &str, path: &str, value: &str) -> Result<String, String> {
-        let mut edited = EditedText::new(text);
-        let root = Node::parse(text).unwrap();
-        set(&mut edited, &root, path, (value, 0)).map(|()| edited.text().to_owned())
+        let mut edited = EditedText::new(text, parse(text).unwrap());
+        set(&mut edited, path, (value, 0)).map(|()| edited.text().to_owned())
     }
 
     #[test]
@@ -168,6 +127,9 @@ mod tests {
         check("(rules: [1])", "ruls[0]", Err("there is no list `ruls`; did you mean `rules`?"));
         check("(rules: (x: [1]))", "ruls.x[0]", Err("there is no list `ruls.x`; did you mean `rules`?"));
         check("(a: 1)", "b c", Err("`b c` cannot be the name of a field"));
+        check("(a: 1)", "5", Err("`5` cannot be the name of a field"));
+        check("(a: 1)", "b.5", Err("`5` cannot be the name of a field"));
+        check("(a: Some())", "a.b", Ok("(a: Some(b: 7))"));
         for malformed in ["a..b", ".a", "a.", "a[x]", "a[0", "a[0]b"] {
             assert!(set_in("(a: [1])", malformed, "7").is_err(), "{malformed}");
         }

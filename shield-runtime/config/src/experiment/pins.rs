@@ -1,7 +1,8 @@
 //! Pins: which file of a plugin an experiment means.
 
-use super::tree::Node;
-use super::{Experiment, ExperimentFile, InputError, Variant};
+use std::collections::HashSet;
+
+use super::{ExperimentFile, InputError, Variant, edit::place_for_field};
 
 impl ExperimentFile {
     /// The text of the file with `pins` (plugin id and SHA-256) in the place of its own. Nothing else in it changes.
@@ -10,17 +11,13 @@ impl ExperimentFile {
     /// The text is not RON.
     pub fn with_pins(&self, pins: &[(String, String)]) -> Result<String, InputError> {
         let text = &self.text;
-        let root = Node::parse(text).map_err(|offset| InputError {
-            location: self.location(offset),
-            message: "this is not RON".into(),
-            remedy: None,
-        })?;
+        let root = self.tree()?;
         let lines = pins.iter().map(|(id, sha256)| format!("\n        {id:?}: {sha256:?},"));
         let map = format!("{{{}\n    }}", lines.collect::<String>());
         let mut pinned = text.clone();
-        if let Some(given) = root.entries().iter().find(|entry| entry.key == "pins") {
+        if let Some(given) = root.entry("pins") {
             pinned.replace_range(given.value.span.clone(), &map);
-        } else if let Some((at, needs_comma)) = root.place_for_field() {
+        } else if let Some((at, needs_comma)) = place_for_field(&root) {
             let comma = if needs_comma { "," } else { "" };
             pinned.insert_str(at, &format!("{comma}\n    pins: {map}"));
         }
@@ -30,15 +27,12 @@ impl ExperimentFile {
 
 /// A pin of a plugin that no variant uses protects nothing: most likely its id is misspelt.
 pub(super) fn check_used(variants: &[Variant]) -> Result<(), InputError> {
-    let uses = |experiment: &Experiment, id: &str| {
-        experiment.plugins().iter().any(|(_, _, choice)| choice.plugin == id)
-    };
+    let plugins = variants.iter().flat_map(|variant| variant.experiment.plugins());
+    let used: HashSet<&str> = plugins.map(|(_, _, choice)| choice.plugin.as_str()).collect();
     for variant in variants {
-        for id in variant.experiment.pins.keys() {
-            if !variants.iter().any(|variant| uses(&variant.experiment, id)) {
-                let message = format!("{id:?} is pinned, but no variant uses a plugin of that id");
-                return Err(variant.error_at(&format!("pins.{id}"), None, message));
-            }
+        if let Some(id) = variant.experiment.pins.keys().find(|id| !used.contains(id.as_str())) {
+            let message = format!("{id:?} is pinned, but no variant uses a plugin of that id");
+            return Err(variant.error_at(&format!("pins.{id}"), None, message));
         }
     }
     Ok(())

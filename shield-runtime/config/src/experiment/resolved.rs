@@ -1,13 +1,9 @@
 //! The fully resolved configuration of a run, as RON.
 
-use ron::value::RawValue;
-use serde::de::IgnoredAny;
-use shield_api::ron_options;
+use ron::{Options, extensions::Extensions};
+use shield_api::notation::{Entry, Node, parse};
 
-use super::config::PluginChoice;
-
-use super::tree::{Kind, Node};
-use super::variant::Variant;
+use super::{config::PluginChoice, edit::place_for_field, ron_text::RonText, variant::Variant};
 
 /// Structures that fit into so many characters stand on one line.
 const LINE: usize = 90;
@@ -23,8 +19,8 @@ impl Variant {
         for choice in experiment.plugins_mut() {
             complete(choice, &fields_of(&choice.plugin));
         }
-        let text = ron_options().to_string(&experiment).expect("an experiment that was read can be written");
-        let root = Node::parse(&text).expect("what ron writes can be read");
+        let text = writer().to_string(&experiment).expect("an experiment that was read can be written");
+        let root = parse(&text).expect("what ron writes can be read");
         let mut out = format!("// {}, variant {}, seed {seed}\nExperiment", experiment.name, self.name);
         write_value(&mut out, &root, &text, 0);
         out.push('\n');
@@ -32,16 +28,21 @@ impl Variant {
     }
 }
 
+/// Short forms, as the examples have them.
+fn writer() -> Options {
+    let short = Extensions::UNWRAP_VARIANT_NEWTYPES | Extensions::IMPLICIT_SOME;
+    Options::default().with_default_extension(short).without_recursion_limit()
+}
+
 /// Adds the fields that the configuration does not give.
 fn complete(choice: &mut PluginChoice, fields: &[(String, String)]) {
     let given = choice.config.get_ron();
-    let Ok(root) = Node::parse(given) else { return };
+    let Ok(root) = parse(given) else { return };
     let node = root.inner();
-    let Some((at, mut needs_comma)) = node.place_for_field() else { return };
+    let Some((at, mut needs_comma)) = place_for_field(node) else { return };
     let mut text = given[..at].to_owned();
     for (name, default) in fields {
-        let is_given = node.entries().iter().any(|entry| entry.key == *name);
-        if is_given || ron::from_str::<IgnoredAny>(default).is_err() {
+        if node.entry(name).is_some() || parse(default).is_err() {
             continue;
         }
         let comma = if needs_comma { ", " } else { "" };
@@ -49,7 +50,7 @@ fn complete(choice: &mut PluginChoice, fields: &[(String, String)]) {
         needs_comma = true;
     }
     text += &given[at..];
-    if let Ok(completed) = RawValue::from_boxed_ron(text.into()) {
+    if let Ok(completed) = RonText::new(text) {
         choice.config = completed;
     }
 }
@@ -79,7 +80,7 @@ fn write_value(out: &mut String, node: &Node, text: &str, depth: usize) {
 
 /// The value on one line, without comments.
 pub(super) fn flat(node: &Node, text: &str) -> String {
-    if matches!(node.kind, Kind::Leaf) {
+    if node.is_leaf() {
         return text[node.span.clone()].to_owned();
     }
     let (before, close) = brackets(node, text);
@@ -91,14 +92,10 @@ pub(super) fn flat(node: &Node, text: &str) -> String {
 
 /// What stands before the content, a name included, and the closing bracket.
 fn brackets<'a>(node: &Node, text: &'a str) -> (&'a str, &'a str) {
-    let open = match node.kind {
-        Kind::Leaf => node.span.end,
-        Kind::Struct(open, _) | Kind::Map(open, _) | Kind::List(open, _) | Kind::Tuple(open, _) => open,
-    };
+    let open = node.span.start + node.open_len;
     (&text[node.span.start..open], &text[node.span.end - 1..node.span.end])
 }
 
-fn key(entry: &super::tree::Entry, text: &str) -> String {
-    let written = text[entry.key_start..entry.value.span.start].split(':').next().unwrap_or_default();
-    format!("{}: ", written.trim_end())
+fn key(entry: &Entry, text: &str) -> String {
+    format!("{}: ", &text[entry.key_node.span.clone()])
 }

@@ -1,6 +1,6 @@
 //! What the types of an experiment cannot say.
 
-use std::time::Duration;
+use std::{collections::HashSet, time::Duration};
 
 use indexmap::IndexMap;
 
@@ -71,8 +71,9 @@ pub fn check_folder_name(name: &str) -> Result<(), String> {
 
 fn seeds(seeds: &[u64]) -> Checked {
     ensure(!seeds.is_empty(), "seeds", "at least one seed is needed")?;
+    let mut known = HashSet::with_capacity(seeds.len());
     for (index, seed) in seeds.iter().enumerate() {
-        let is_new = !seeds[..index].contains(seed);
+        let is_new = known.insert(seed);
         ensure(is_new, format!("seeds[{index}]"), format!("the seed {seed} is given twice"))?;
     }
     Ok(())

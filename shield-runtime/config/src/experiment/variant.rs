@@ -3,16 +3,20 @@
 use std::path::Path;
 
 use serde::de::DeserializeOwned;
-use shield_api::{Position, ron_options};
+use shield_api::{
+    Position,
+    notation::{Fault, Node, Segment, from_node, nearest, position_at, skip_trivia},
+};
 
-use super::ExperimentFile;
-use super::config::Experiment;
-use super::edit::{EditedText, Origin};
-use super::error::{Fault, InputError, Location, offset_at, position_at, remedy_of};
-use super::overrides::{Given, Override};
-use super::path;
-use super::tree::{Kind, Node, skip_trivia};
-use super::validate::{Complaint, validate};
+use super::{
+    ExperimentFile,
+    config::Experiment,
+    edit::{EditedText, Origin},
+    error::{InputError, Location, offset_at},
+    overrides::{Given, MOST_OVERRIDES, Override},
+    path,
+    validate::{Complaint, validate},
+};
 
 /// An experiment with the overrides of one variant and of the command line.
 #[derive(Debug, Clone)]
@@ -35,14 +39,16 @@ pub struct Source {
 }
 
 impl Variant {
-    /// Applies the overrides in their order and reads the result. `declared` says that the file names this variant.
+    /// Applies the overrides in their order and reads the result. `root` is the tree of the file's text; `declared` says that the file
+    /// names this variant.
     pub(super) fn read(
         file: &ExperimentFile,
+        root: &Node,
         name: &str,
         declared: bool,
         overrides: Vec<Override>,
     ) -> Result<Self, InputError> {
-        let source = Source::new(file, declared.then_some(name), overrides)?;
+        let source = Source::new(file, root.clone(), declared.then_some(name), overrides)?;
         let experiment = source.read(validate)?;
         Ok(Self { name: name.to_owned(), experiment, source })
     }
@@ -70,18 +76,23 @@ impl Variant {
 }
 
 impl Source {
-    /// The text of a file with the overrides applied in their order; `declared` is the variant, if it is one of several.
+    /// The text of a file, whose tree is `root`, with the overrides applied in their order; `declared` is the variant, if it is one of
+    /// several.
     pub(super) fn new(
         file: &ExperimentFile,
+        root: Node,
         declared: Option<&str>,
         overrides: Vec<Override>,
     ) -> Result<Self, InputError> {
         let mut source = Self {
             file: file.clone(),
             declared: declared.map(str::to_owned),
-            edited: EditedText::new(&file.text),
+            edited: EditedText::new(&file.text, root),
             overrides,
         };
+        if source.declared.is_some() {
+            source.leave_out_variants()?;
+        }
         source.apply()?;
         Ok(source)
     }
@@ -91,78 +102,62 @@ impl Source {
         &self,
         validate: impl FnOnce(&T) -> Result<(), Complaint>,
     ) -> Result<T, InputError> {
-        let read = ron_options().from_str::<T>(self.edited.text());
-        let config = read.map_err(|error| self.error(Fault::from_ron(self.edited.text(), &error)))?;
+        let config: T =
+            from_node(self.edited.text(), self.edited.root()).map_err(|fault| self.error(fault))?;
         validate(&config).map_err(|complaint| self.error_at(&complaint.path, None, complaint.message))?;
         Ok(config)
     }
 
-    /// An error at the value of `path`; without a position, at the field of it that the message names, if it names one.
+    /// An error at the value of `path`, or at a place in its text.
     pub fn error_at(&self, path: &str, position: Option<Position>, message: impl Into<String>) -> InputError {
-        let message = message.into();
-        let named = if position.is_none() { self.named_field(path, &message) } else { None };
-        let offset = named.unwrap_or_else(|| self.offset(path, position));
-        let remedy = remedy_of(&message);
-        self.error(Fault { offset, message, remedy })
+        self.error(Fault::new(self.offset(path, position), message))
+    }
+
+    /// What is written at `path`, the overrides applied; `None` if nothing is.
+    pub fn written_at(&self, path: &str) -> Option<&str> {
+        let (node, is_itself) = nearest(self.edited.root(), path);
+        is_itself.then(|| &self.edited.text()[node.span.clone()])
+    }
+
+    /// A variant says nothing of the others.
+    fn leave_out_variants(&mut self) -> Result<(), InputError> {
+        let Some(variants) = self.edited.root().entry("variants") else { return Ok(()) };
+        let origin = Origin::File(variants.value.span.start);
+        let emptied = self.edited.replace(&[Segment::Field("variants")], &[("{}", origin)]);
+        emptied.map_err(|fault| self.error(fault))
     }
 
     fn apply(&mut self) -> Result<(), InputError> {
-        let root = self.tree()?;
-        if let Some(variants) = root.entries().iter().find(|entry| entry.key == "variants") {
-            let span = variants.value.span.clone();
-            self.edited.replace(span.clone(), &[("{}", Origin::File(span.start))]);
-        }
-        for index in 0..self.overrides.len() {
-            let root = self.tree()?;
-            let Override { path, value, .. } = &self.overrides[index];
-            let set = if path.is_empty() || path.starts_with("variants") {
+        for (index, Override { path, value, .. }) in self.overrides.iter().enumerate() {
+            let set = if index == MOST_OVERRIDES {
+                Err(format!(
+                    "there are {} overrides; at most {MOST_OVERRIDES} are read",
+                    self.overrides.len()
+                ))
+            } else if path.is_empty() || path.starts_with("variants") {
                 Err(format!("`{path}` cannot be overridden"))
             } else {
-                path::set(&mut self.edited, &root, path, (value, index))
+                path::set(&mut self.edited, path, (value, index))
             };
             set.map_err(|message| {
                 let location = self.origin_location(Origin::Around(index));
                 InputError { location, message: self.in_context(Some(index), &message), remedy: None }
             })?;
         }
-        let root = self.tree()?;
-        settle_forms(&mut self.edited, &root, false);
-        let root = self.tree()?;
-        if let (rules, true) = path::nearest(&root, "shield.rules") {
-            name_rules(&mut self.edited, rules);
-        }
-        Ok(())
-    }
-
-    fn tree(&self) -> Result<Node, InputError> {
-        Node::parse(self.edited.text())
-            .map_err(|offset| self.error(Fault { offset, message: "this is not RON".into(), remedy: None }))
+        self.edited.write_options_out().map_err(|fault| self.error(fault))
     }
 
     /// The offset in the edited text.
     fn offset(&self, path: &str, position: Option<Position>) -> usize {
-        let text = self.edited.text();
-        let Ok(root) = Node::parse(text) else { return 0 };
-        let (node, is_itself) = path::nearest(&root, path);
+        let (node, is_itself) = nearest(self.edited.root(), path);
         match position.filter(|_| is_itself) {
             None => node.span.start,
-            Some(Position { line, column }) => {
-                let value = &text[node.span.clone()];
-                let inside = skip_trivia(value, offset_at(value, line as usize, column as usize));
-                node.span.start + inside.min(value.len().saturating_sub(1))
+            Some(position) => {
+                let value = &self.edited.text()[node.span.clone()];
+                let inside = skip_trivia(value, offset_at(value, position));
+                node.span.start + value.floor_char_boundary(inside.min(value.len().saturating_sub(1)))
             }
         }
-    }
-
-    /// The offset of the first field of the value at `path` whose name is a word of the message.
-    fn named_field(&self, path: &str, message: &str) -> Option<usize> {
-        let root = Node::parse(self.edited.text()).ok()?;
-        let (node, true) = path::nearest(&root, path) else { return None };
-        let mut words = message.split(|letter: char| !letter.is_alphanumeric() && letter != '_');
-        words.find_map(|word| {
-            let entry = node.inner().entries().iter().find(|entry| entry.key == word)?;
-            Some(entry.value.span.start)
-        })
     }
 
     fn location(&self, offset: usize) -> Location {
@@ -186,7 +181,7 @@ impl Source {
     }
 
     fn error(&self, fault: Fault) -> InputError {
-        let origin = self.edited.origin(fault.offset);
+        let origin = self.edited.origin(fault.offset());
         let index = match origin {
             Origin::File(_) => None,
             Origin::Value(index, _) | Origin::Around(index) => Some(index),
@@ -210,64 +205,9 @@ impl Source {
     }
 }
 
-/// Brings both ways to write a structure inside a name to the one that is understood there. With its extension for the short form
-/// `ron` refuses the long one, `Some((field: 1))`; inside a `RawValue`, so in a plugin's `config`, it refuses the short one.
-fn settle_forms(edited: &mut EditedText, node: &Node, is_config: bool) {
-    let is_some = node.named && edited.text()[node.span.clone()].starts_with("Some");
-    let end = node.span.end - 1;
-    let unwrapped = match &node.kind {
-        Kind::Tuple(open, items) if !is_config && node.named => match items.as_slice() {
-            [Node { named: false, span, kind: Kind::Struct(inner, _) }] => {
-                Some((*open..*inner, span.end - 1..end))
-            }
-            _ => None,
-        },
-        _ => None,
-    };
-    let wrapped = match &node.kind {
-        Kind::Struct(open, _) if is_config && is_some => Some(*open),
-        Kind::Tuple(open, items) if is_config && is_some && items.len() > 1 => Some(*open),
-        _ => None,
-    };
-    // From the end, so that the offsets of what comes before stay as they are.
-    if let Some((_, closing)) = &unwrapped {
-        edited.replace(closing.clone(), &[]);
-    }
-    if wrapped.is_some() {
-        edited.replace(end..end, &[(")", edited.origin(end))]);
-    }
-    for entry in node.entries().iter().rev() {
-        settle_forms(edited, &entry.value, is_config || entry.key == "config");
-    }
-    for item in node.items().iter().rev() {
-        settle_forms(edited, item, is_config);
-    }
-    if let Some(open) = wrapped {
-        edited.replace(open..open, &[("(", edited.origin(open))]);
-    }
-    if let Some((opening, _)) = unwrapped {
-        edited.replace(opening, &[]);
-    }
-}
-
-/// Gives the name `Rule` to every rule that has none, so that it can stand beside `All` and `Any`.
-fn name_rules(edited: &mut EditedText, rules: &Node) {
-    for rule in rules.inner().items().iter().rev() {
-        let start = rule.span.start;
-        let text = &edited.text()[rule.span.clone()];
-        let is_group = ["All", "Any"].iter().any(|name| text.starts_with(name)) && rule.named;
-        let is_bare = !rule.named && text.starts_with('(');
-        if is_group {
-            name_rules(edited, rule);
-        } else if is_bare {
-            edited.replace(start..start, &[("Rule", edited.origin(start))]);
-        }
-    }
-}
-
 impl ExperimentFile {
     pub(super) fn location(&self, offset: usize) -> Location {
-        let position = Some(position_at(&self.text, offset.min(self.text.len())));
+        let position = Some(position_at(&self.text, offset));
         Location::File { file: self.path.display().to_string(), position }
     }
 }

@@ -46,18 +46,16 @@ impl Qp {
         let weights = config.weights.unwrap_or_else(|| vec![1.0; width]);
         if weights.len() != width {
             let given = weights.len();
-            return Err(Error::invalid_config(format!(
-                "{given} weights are given, but actions have {width} dimensions"
-            )));
+            let message = format!("{given} weights are given, but actions have {width} dimensions");
+            return Err(Error::invalid_config(message).in_field("weights"));
         }
         let share = f64::from(config.trust_region.unwrap_or(f32::INFINITY));
         let ranges = low.iter().zip(high).map(|(low, high)| f64::from(*high) - f64::from(*low));
         let reach: Vec<f64> =
             ranges.map(|range| if range == 0.0 { 0.0 } else { share * range / 2.0 }).collect();
         if config.trust_region.is_some() && reach.iter().any(|reach| !reach.is_finite()) {
-            return Err(Error::invalid_config(
-                "a trust region is a share of the action's range, which has no bounds here",
-            ));
+            let message = "a trust region is a share of the action's range, which has no bounds here";
+            return Err(Error::invalid_config(message).in_field("trust_region"));
         }
         let stretch: Vec<f64> = weights.into_iter().map(|weight| f64::from(weight).sqrt()).collect();
         let slacks = jury.priorities().count();

@@ -1,8 +1,8 @@
 //! Which plugins, and how they are run.
 
-use ron::value::RawValue;
-use serde::{Deserialize, Deserializer, Serialize};
+use serde::{Deserialize, Serialize};
 
+use crate::experiment::ron_text::RonText;
 use shield_host::plugin::Selection;
 
 /// A plugin and its configuration.
@@ -15,8 +15,8 @@ pub struct PluginChoice {
     #[serde(default)]
     pub path: Option<std::path::PathBuf>,
     /// RON text that only the plugin understands.
-    #[serde(default = "empty_config", deserialize_with = "bare_config")]
-    pub config: Box<RawValue>,
+    #[serde(default)]
+    pub config: RonText,
     /// In a process of its own, so that a crash, an exit or a hang in it is an error. For environments and policies.
     #[serde(default, skip_serializing_if = "is_default")]
     pub isolate: bool,
@@ -61,15 +61,6 @@ pub enum OnWorkerFailure {
 
 fn is_default<T: Default + PartialEq>(value: &T) -> bool {
     *value == T::default()
-}
-
-/// Without the comments around it, so that the text begins where the value does: the positions that a plugin reports count from there.
-fn bare_config<'de, D: Deserializer<'de>>(deserializer: D) -> Result<Box<RawValue>, D::Error> {
-    Box::<RawValue>::deserialize(deserializer).map(RawValue::trim_boxed)
-}
-
-fn empty_config() -> Box<RawValue> {
-    RawValue::from_boxed_ron("()".into()).expect("() is RON")
 }
 
 /// Who does the task.

@@ -1,12 +1,20 @@
 //! Rules, and how they are composed.
 
-use serde::{Deserialize, Serialize, Serializer, ser::SerializeStructVariant};
+use std::fmt;
+
+use serde::{
+    Deserialize, Deserializer, Serialize, Serializer,
+    de::{
+        EnumAccess, MapAccess, Visitor,
+        value::{EnumAccessDeserializer, MapAccessDeserializer},
+    },
+    ser::SerializeStructVariant,
+};
 
 use super::PluginChoice;
 
 /// A rule, or several composed.
-#[derive(Debug, Clone, Deserialize)]
-#[serde(deny_unknown_fields)]
+#[derive(Debug, Clone)]
 pub enum RuleConfig {
     /// One rule; written without this name, `(plugin: …)`.
     Rule(PluginChoice),
@@ -48,7 +56,47 @@ impl RuleConfig {
     }
 }
 
-/// A single rule is written without its name, as it may be read.
+/// A rule that is written with a name.
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+enum Named {
+    Rule(PluginChoice),
+    Soft { priority: f32, rule: PluginChoice },
+    All(Vec<RuleConfig>),
+    Any(Vec<RuleConfig>),
+}
+
+/// A single rule may be written without its name.
+impl<'de> Deserialize<'de> for RuleConfig {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        deserializer.deserialize_enum("RuleConfig", &["Rule", "Soft", "All", "Any"], RuleVisitor)
+    }
+}
+
+struct RuleVisitor;
+
+impl<'de> Visitor<'de> for RuleVisitor {
+    type Value = RuleConfig;
+
+    fn expecting(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str("a rule, such as `(plugin: \"ensemble-threshold\")` or `Any([…])`")
+    }
+
+    fn visit_map<A: MapAccess<'de>>(self, fields: A) -> Result<RuleConfig, A::Error> {
+        PluginChoice::deserialize(MapAccessDeserializer::new(fields)).map(RuleConfig::Rule)
+    }
+
+    fn visit_enum<A: EnumAccess<'de>>(self, variant: A) -> Result<RuleConfig, A::Error> {
+        Ok(match Named::deserialize(EnumAccessDeserializer::new(variant))? {
+            Named::Rule(choice) => RuleConfig::Rule(choice),
+            Named::Soft { priority, rule } => RuleConfig::Soft { priority, rule },
+            Named::All(parts) => RuleConfig::All(parts),
+            Named::Any(parts) => RuleConfig::Any(parts),
+        })
+    }
+}
+
+/// A single rule is written without its name.
 impl Serialize for RuleConfig {
     fn serialize<S: Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         const NAME: &str = "RuleConfig";

@@ -21,7 +21,8 @@ struct [[ type ]] {
 
 <% block create %>
         if !(settings.limit > 0.0 && settings.limit.is_finite()) {
-            return Err(Error::invalid_config(format!("`limit` is {}; it must be above 0", settings.limit)));
+            let message = format!("`limit` is {}; it must be above 0", settings.limit);
+            return Err(Error::invalid_config(message).in_field("limit"));
         }
         Ok(Self { limit: settings.limit })
 <% endblock %>

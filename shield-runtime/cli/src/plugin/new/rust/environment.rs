@@ -22,10 +22,11 @@ struct [[ type ]] {
 <% block create %>
         // A value that cannot be is refused here, so that nobody checks again.
         if !(settings.stride > 0.0 && settings.stride.is_finite()) {
-            return Err(Error::invalid_config(format!("`stride` is {}; it must be above 0", settings.stride)));
+            let message = format!("`stride` is {}; it must be above 0", settings.stride);
+            return Err(Error::invalid_config(message).in_field("stride"));
         }
         if settings.horizon == 0 {
-            return Err(Error::invalid_config("`horizon` is 0; an episode needs a step"));
+            return Err(Error::invalid_config("`horizon` is 0; an episode needs a step").in_field("horizon"));
         }
         Ok(Self { settings, position: 0.0 })
 <% endblock %>

@@ -21,10 +21,12 @@ struct [[ type ]] {
 
 <% block create %>
         if !(settings.rate > 0.0 && settings.rate <= 1.0) {
-            return Err(Error::invalid_config(format!("`rate` is {}; it must be above 0 and up to 1", settings.rate)));
+            let message = format!("`rate` is {}; it must be above 0 and up to 1", settings.rate);
+            return Err(Error::invalid_config(message).in_field("rate"));
         }
         if !(0.0..1.0).contains(&settings.discount) {
-            return Err(Error::invalid_config(format!("`discount` is {}; it must be in [0, 1)", settings.discount)));
+            let message = format!("`discount` is {}; it must be in [0, 1)", settings.discount);
+            return Err(Error::invalid_config(message).in_field("discount"));
         }
         Ok(Self { settings, spaces: setup.spaces()?.clone(), value: 0.0 })
 <% endblock %>

@@ -17,7 +17,8 @@ struct [[ type ]] {
 
 <% block create %>
         if !(-1.0..=1.0).contains(&settings.push) {
-            return Err(Error::invalid_config(format!("`push` is {}; it must be in [-1, 1]", settings.push)));
+            let message = format!("`push` is {}; it must be in [-1, 1]", settings.push);
+            return Err(Error::invalid_config(message).in_field("push"));
         }
         let spaces = setup.spaces()?.clone();
         let action = match &spaces.action {

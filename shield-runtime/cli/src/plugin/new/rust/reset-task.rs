@@ -18,7 +18,8 @@ struct [[ type ]] {
 <% block create %>
         let spaces = setup.spaces()?.clone();
         if !(settings.tolerance > 0.0 && settings.tolerance.is_finite()) {
-            return Err(Error::invalid_config(format!("`tolerance` is {}; it must be above 0", settings.tolerance)));
+            let message = format!("`tolerance` is {}; it must be above 0", settings.tolerance);
+            return Err(Error::invalid_config(message).in_field("tolerance"));
         }
         if spaces.observation_len() == 0 {
             return Err(Error::invalid_config("the observation has no numbers"));
