@@ -49,7 +49,10 @@ fn check<T: Task>(name: &str) {
     let motion = || free_motion(&mut Simulation::new(&model).unwrap(), task.control_step());
     let lines = motion();
     assert_eq!(lines, motion(), "{name}");
-    assert!(lines.trim_end().split([',', '\n']).all(|number| number.parse().is_ok_and(f64::is_finite)), "{name}");
+    assert!(
+        lines.trim_end().split([',', '\n']).all(|number| number.parse().is_ok_and(f64::is_finite)),
+        "{name}"
+    );
     if let Some(folder) = std::env::var_os("SHIELD_PEERS_FOLDER") {
         let file = Path::new(&folder).join(name);
         std::fs::write(file.with_extension("xml"), on_stage(&model)).unwrap();
