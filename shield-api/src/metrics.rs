@@ -184,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn a_plugin_that_makes_up_names_for_ever_is_stopped() {
+    fn the_number_of_metrics_is_bounded() {
         let metrics = Metrics::default();
         metrics.collect(|| (0..2 * MOST_NAMES).for_each(|index| report(&index.to_string(), 0.0)));
         assert_eq!(drained(&metrics).len(), MOST_NAMES);

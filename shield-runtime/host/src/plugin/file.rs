@@ -179,7 +179,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_fingerprint_is_the_one_that_every_tool_gives() {
+    fn the_fingerprint_is_the_standard_sha_256() {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("abc");
         fs::write(&path, "abc").unwrap();
