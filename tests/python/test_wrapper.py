@@ -1,4 +1,3 @@
-import inspect
 import math
 import os
 import pickle
@@ -9,6 +8,7 @@ import pytest
 import shield
 from gymnasium import spaces
 from gymnasium.utils.env_checker import check_env
+from shield._settings import Settings
 from worlds import BELOW_HALF, Ending, Table, near_start, table
 
 
@@ -326,10 +326,16 @@ def test_counts_are_written_for_tensorboard(tmp_path):
 
 
 def test_every_argument_is_documented():
-    for name in list(inspect.signature(shield.Shield).parameters)[2:]:
+    for name in Settings.__annotations__:
         assert f"`{name}" in shield.Shield.__doc__, name
     for method in (shield.ShieldedEnv.step, shield.ShieldedEnv.reset):
         assert "shield" in (method.__doc__ or ""), method
+
+
+def test_a_misspelt_argument_is_refused_with_the_name_that_was_meant():
+    for make in (lambda: shielded(warm_up_step=3), lambda: shield.Shield(*[None] * 2, warm_up_step=3)):
+        with pytest.raises(TypeError, match="no argument 'warm_up_step'; did you mean 'warm_up_steps'"):
+            make()
 
 
 def test_the_same_seed_gives_the_same_run():

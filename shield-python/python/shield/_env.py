@@ -5,13 +5,17 @@ from __future__ import annotations
 import copy
 import itertools
 import os
-from collections.abc import Callable, Mapping
-from typing import Any, SupportsFloat
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any, SupportsFloat
 
 import gymnasium
 from gymnasium.utils import RecordConstructorArgs
 
+from ._settings import Settings
 from ._shield import Decision, Shield
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 
 class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
@@ -39,34 +43,13 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         config: str | os.PathLike[str] | None = None,
         *,
         abort_reward: float = 0.0,
-        tensorboard: str | os.PathLike[str] | None = None,
-        q_min: float | None = None,
-        warm_up_steps: int | None = None,
-        reset_attempts: int | str | None = None,
-        episode_length: int | None = None,
-        updates_per_step: int | None = None,
-        seed: int | None = None,
-        threads: int | None = None,
-        overrides: Mapping[str, Any] | None = None,
+        **settings: Unpack[Settings],
     ) -> None:
-        settings: dict[str, Any] = dict(
-            reset_reward=reset_reward,
-            in_reset_set=in_reset_set,
-            config=config,
-            tensorboard=tensorboard,
-            q_min=q_min,
-            warm_up_steps=warm_up_steps,
-            reset_attempts=reset_attempts,
-            episode_length=episode_length,
-            updates_per_step=updates_per_step,
-            seed=seed,
-            threads=threads,
-            overrides=overrides,
-        )
+        settings |= {"reset_reward": reset_reward, "in_reset_set": in_reset_set, "config": config}
         RecordConstructorArgs.__init__(self, _disable_deepcopy=True, abort_reward=abort_reward, **settings)
         env, self._limit = without_time_limits(env)
         gymnasium.Wrapper.__init__(self, env)
-        if episode_length is None and config is None and self._limit is not None:
+        if settings.get("episode_length") is None and config is None and self._limit is not None:
             settings["episode_length"] = self._limit
         self.abort_reward = float(abort_reward)
         #: The shield itself.

@@ -2,10 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+import difflib
+import os
+from collections.abc import Callable, Mapping
+from typing import Any, TypedDict
 
-# Keyword arguments, and the fields that they stand for.
+
+class Settings(TypedDict, total=False):
+    """The keyword arguments of `Shield`, which explains each, and of `ShieldedEnv`. One that is None was not given."""
+
+    reset_reward: Callable[[Any], float] | None
+    in_reset_set: Callable[[Any], bool] | None
+    config: str | os.PathLike[str] | None
+    tensorboard: str | os.PathLike[str] | None
+    q_min: float | None
+    warm_up_steps: int | None
+    reset_attempts: int | str | None
+    episode_length: int | None
+    updates_per_step: int | None
+    seed: int | None
+    threads: int | None
+    overrides: Mapping[str, Any] | None
+
+
+# Those that stand for a field of the configuration, and where it is.
 PATHS = {
     "warm_up_steps": "shield.warm_up_steps",
     "reset_attempts": "shield.reset_attempts",
@@ -20,9 +40,18 @@ PATHS = {
 SCHEDULE = "shield.rules[0].config.schedule"
 
 
-def overrides(settings: Mapping[str, Any], further: Mapping[str, Any]) -> list[tuple[str, str, str]]:
-    """Path, RON value, and what the user wrote. An argument that is None was not given."""
-    given = [(PATHS[name], ron(value), name, value) for name, value in settings.items() if value is not None]
+def refuse_unknown(settings: Settings) -> None:
+    """Raises TypeError for an argument that does not exist, with the name that was meant."""
+    for name in settings.keys() - Settings.__annotations__.keys():
+        near = difflib.get_close_matches(name, Settings.__annotations__, 1)
+        raise TypeError(f"there is no argument {name!r}" + (f"; did you mean {near[0]!r}?" if near else ""))
+
+
+def overrides(settings: Settings) -> list[tuple[str, str, str]]:
+    """Path, RON value, and what the user wrote."""
+    further = settings.get("overrides") or {}
+    named = [(name, settings.get(name)) for name in PATHS]
+    given = [(PATHS[name], ron(value), name, value) for name, value in named if value is not None]
     given += [(path, ron(value), f"overrides[{path!r}]", value) for path, value in further.items()]
     return [(path, value, f"{name}={written!r}") for path, value, name, written in given]
 

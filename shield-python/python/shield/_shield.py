@@ -5,16 +5,17 @@ from __future__ import annotations
 import math
 import os
 import pathlib
-from collections.abc import Callable, Mapping
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
 
 from ._core import Core, written_at
-from ._settings import SCHEDULE, override_of_q_min
-from ._settings import overrides as as_overrides
+from ._settings import SCHEDULE, Settings, override_of_q_min, overrides, refuse_unknown
 from ._spaces import Floats, Observations, actions
+
+if TYPE_CHECKING:
+    from typing_extensions import Unpack
 
 #: With a reset reward alone, a state that is worth more than this is in the reset set (the paper, appendix C).
 RESET_SET_ABOVE = 0.7
@@ -71,31 +72,11 @@ class Shield:
     """
 
     def __init__(
-        self,
-        observation_space: spaces.Space[Any],
-        action_space: spaces.Space[Any],
-        *,
-        reset_reward: Callable[[Any], float] | None = None,
-        in_reset_set: Callable[[Any], bool] | None = None,
-        config: str | os.PathLike[str] | None = None,
-        tensorboard: str | os.PathLike[str] | None = None,
-        q_min: float | None = None,
-        warm_up_steps: int | None = None,
-        reset_attempts: int | str | None = None,
-        episode_length: int | None = None,
-        updates_per_step: int | None = None,
-        seed: int | None = None,
-        threads: int | None = None,
-        overrides: Mapping[str, Any] | None = None,
+        self, observation_space: spaces.Space[Any], action_space: spaces.Space[Any], **settings: Unpack[Settings]
     ) -> None:
-        settings = {
-            "warm_up_steps": warm_up_steps,
-            "reset_attempts": reset_attempts,
-            "episode_length": episode_length,
-            "updates_per_step": updates_per_step,
-            "seed": seed,
-            "threads": threads,
-        }
+        refuse_unknown(settings)
+        reset_reward, in_reset_set = settings.get("reset_reward"), settings.get("in_reset_set")
+        config, q_min = settings.get("config"), settings.get("q_min")
         for name, function in (("reset_reward", reset_reward), ("in_reset_set", in_reset_set)):
             if function is not None and not callable(function):
                 raise TypeError(f"{name} is {function!r}, not a function of an observation")
@@ -104,14 +85,14 @@ class Shield:
         self._observations, self._actions = Observations(observation_space), actions(action_space)
         low, high = self._observations.low.tolist(), self._observations.high.tolist()
 
-        sets = as_overrides(settings, overrides or {})
+        sets = overrides(settings)
         if self._is_told:
             sets.insert(0, ("reset_task", "None", "reset_reward and in_reset_set"))
         if q_min is not None:
             # Last, for an override may have put another rule there.
             is_discrete = isinstance(action_space, spaces.Discrete)
             sets.append(override_of_q_min(q_min, written_at(config, is_discrete, sets, SCHEDULE)))
-        self._core = Core((low, high), self._actions.form, config, sets, _PLUGINS, tensorboard)
+        self._core = Core((low, high), self._actions.form, config, sets, _PLUGINS, settings.get("tensorboard"))
         if not self._is_told and not self._core.has_reset_task:
             raise ValueError(
                 'nothing says what "reset" means: give reset_reward or in_reset_set, or name a `reset_task` in the'
