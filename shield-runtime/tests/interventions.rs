@@ -6,9 +6,9 @@ mod common;
 use common::Line;
 use shield_runtime::{
     decision::{Abort, Cause},
+    events::{Counters, Intervention},
     experience::AgentRole,
     observer::{Observer, Scene},
-    record::{Counters, Intervention},
     run::{Identity, Recorder, RunFolder},
     world::World,
 };

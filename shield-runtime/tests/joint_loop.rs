@@ -10,14 +10,14 @@ use rand_pcg::Pcg64;
 use shield_api::{AbortRule, ActMode, Error, ErrorKind, Needs, Phase, RuleVerdict, Verdict};
 use shield_runtime::{
     agent::ForwardAgent,
-    batch::Batch,
     evaluation::Evaluator,
+    events::EpisodeEnd,
     experience::AgentRole,
     experiment::{
         BetweenAttempts, Endings, EvaluatedAgent, Mode, OnAbort, OnResetFailure, OnResetSuccess,
         ProjectionConfig, QpConfig, ResetTest, Updates,
     },
-    record::EpisodeEnd,
+    lanes::Lanes,
     world::World,
 };
 
@@ -437,7 +437,7 @@ fn an_evaluation_uses_its_own_instance_and_counts_separately() {
     let log = evaluated.log.clone();
     let evaluator = |line, shield, agent, start: Option<&str>| {
         let world = World::new(Box::new(line), None).unwrap();
-        Evaluator::new(Batch::new(vec![world], 1).unwrap(), shield, agent, start.map(str::to_string), 2, 7)
+        Evaluator::new(Lanes::new(vec![world], 1).unwrap(), shield, agent, start.map(str::to_string), 2, 7)
             .unwrap()
     };
     let mut scene = Scene::new(25);
@@ -469,7 +469,7 @@ fn an_evaluation_uses_its_own_instance_and_counts_separately() {
 fn an_evaluation_does_not_depend_on_how_many_episodes_run_at_once() {
     let evaluate = |worlds: usize, threads: usize| {
         let world = || World::new(Box::new(Line::new()), None).unwrap();
-        let batch = Batch::new((0..worlds).map(|_| world()).collect(), threads).unwrap();
+        let batch = Lanes::new((0..worlds).map(|_| world()).collect(), threads).unwrap();
         let mut evaluator = Evaluator::new(batch, None, EvaluatedAgent::Forward, None, 7, 3).unwrap();
         let mut policy = ForwardAgent::Policy(Box::new(Scripted::acting(|_, _| 1.0)));
         [10, 20].map(|step| evaluator.run(step, Some(&mut policy), None).unwrap())
@@ -479,7 +479,7 @@ fn an_evaluation_does_not_depend_on_how_many_episodes_run_at_once() {
     for (worlds, threads) in [(7, 1), (3, 2), (4, 3), (8, 8)] {
         assert_eq!(evaluate(worlds, threads), alone, "{worlds} worlds, {threads} threads");
     }
-    assert!(Evaluator::new(Batch::new(vec![], 1).unwrap(), None, EvaluatedAgent::Reset, None, 1, 0).is_err());
+    assert!(Evaluator::new(Lanes::new(vec![], 1).unwrap(), None, EvaluatedAgent::Reset, None, 1, 0).is_err());
 }
 
 #[test]

@@ -12,10 +12,10 @@ use shield_api::{
 };
 use shield_runtime::{
     decision::{Abort, Cause, Decision, Projection, ProjectionKind},
+    events::{Counters, Intervention},
     experience::AgentRole,
     experiment::{ProjectionConfig, QpConfig},
     observer::{Observer, Scene as Stage},
-    record::{Counters, Intervention},
     run::{Identity, Recorder, RunFolder},
     shield::{
         Agents, Ladder, LadderSettings, Moment, RuleTree,

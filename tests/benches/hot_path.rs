@@ -10,7 +10,7 @@ use criterion::{Criterion, criterion_group, criterion_main};
 use mujoco_rs::prelude::{MjData, MjModel};
 use shield_api::{Environment, Learner, Setup};
 use shield_runtime::{
-    batch::Batch,
+    lanes::Lanes,
     plugin::{LoadedEnvironment, LoadedLearner, Registry, SearchPath, Selection, host},
     shield::{Agents, Ladder, LadderSettings, Moment, RuleTree},
     world::{Stepped, World},

@@ -10,12 +10,12 @@ use std::{
 };
 
 use shield_runtime::{
+    events::Counters,
     experiment::ExperimentFile,
     film::{FilmSettings, Filmer},
     joint_loop::JointLoop,
     observer::Observer,
     plugin::{Registry, SearchPath},
-    record::Counters,
     report::Picture,
     run::{Prepared, prepare},
 };

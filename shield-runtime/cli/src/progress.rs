@@ -5,8 +5,8 @@ use std::{fmt, thread, time::Duration};
 use anyhow::Result;
 use indicatif::{MultiProgress, ProgressBar, ProgressState, ProgressStyle};
 use shield_core::{
+    events::{Counters, EpisodeEvent, EvaluationEvent},
     experience::AgentRole,
-    record::{Counters, EpisodeRecord, EvaluationRecord},
 };
 use shield_lab::observer::{Observer, Scene, Step};
 
@@ -76,14 +76,14 @@ impl Observer for Progress {
         Ok(())
     }
 
-    fn on_episode(&mut self, episode: &EpisodeRecord, _counters: &Counters) -> Result<()> {
+    fn on_episode(&mut self, episode: &EpisodeEvent, _counters: &Counters) -> Result<()> {
         if episode.role == AgentRole::Forward && !self.has_evaluation {
             self.last_return = episode.forward_return;
         }
         Ok(())
     }
 
-    fn on_evaluation(&mut self, evaluation: &EvaluationRecord, _counters: &Counters) -> Result<()> {
+    fn on_evaluation(&mut self, evaluation: &EvaluationEvent, _counters: &Counters) -> Result<()> {
         self.has_evaluation = true;
         self.last_return = evaluation.mean_return;
         Ok(())

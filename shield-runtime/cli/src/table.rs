@@ -80,7 +80,7 @@ fn cell(column: &Column, runs: &[&Summary]) -> String {
 
 #[cfg(test)]
 mod tests {
-    use shield_core::record::Counters;
+    use shield_core::events::Counters;
     use shield_lab::run::Identity;
 
     use super::*;

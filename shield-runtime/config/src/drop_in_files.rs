@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use shield_api::Error;
 
 use crate::{
-    events::EventFile,
     state_file::{CheckpointError, read, write},
+    tensorboard::EventFile,
 };
 use shield_core::{
     cycle::HardResetDue,

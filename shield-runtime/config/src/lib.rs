@@ -2,8 +2,8 @@
 
 pub mod atomic_file;
 pub mod drop_in_files;
-pub mod events;
 pub mod experiment;
 pub mod growing_file;
 pub mod state_file;
+pub mod tensorboard;
 pub mod workshop;

@@ -25,8 +25,8 @@ use shield_api::{Error, metrics::Metrics};
 use crate::{
     agent::{Agent, ForwardAgent},
     decision::Cause,
+    events::{Counters, EpisodeEnd, EpisodeEvent, Tally},
     experience::{AgentRole, Experience},
-    record::{Counters, EpisodeEnd, EpisodeRecord, Tally},
     settings::{BetweenAttempts, Mode},
     shield::Ladder,
 };
@@ -156,13 +156,13 @@ impl ResetCycle {
     }
 
     /// Ends the forward episode because of an abort for this cause; the reset agent's turn comes.
-    pub fn finish_aborted(&mut self, cause: Cause) -> EpisodeRecord {
+    pub fn finish_aborted(&mut self, cause: Cause) -> EpisodeEvent {
         self.store_abort(cause);
         self.finish(EpisodeEnd::Abort)
     }
 
     /// Ends the present episode: whose turn is next, and whether a hard reset comes first.
-    pub fn finish(&mut self, end: EpisodeEnd) -> EpisodeRecord {
+    pub fn finish(&mut self, end: EpisodeEnd) -> EpisodeEvent {
         let tally = self.episode.take().unwrap_or_default();
         let role = self.turn;
         let is_known = !matches!(end, EpisodeEnd::Interrupted | EpisodeEnd::WorkerLost);
@@ -185,7 +185,7 @@ impl ResetCycle {
         if let Some(cause) = cause {
             self.require_hard_reset(cause);
         }
-        EpisodeRecord {
+        EpisodeEvent {
             role,
             length: tally.length,
             forward_return: tally.forward_return,

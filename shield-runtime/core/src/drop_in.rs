@@ -4,23 +4,23 @@
 //! environment that can be stepped, [`Shielded`](crate::shielded::Shielded) is the loop around this.
 
 mod builder;
-mod figures;
+mod metrics;
 mod state;
 
 pub use builder::{DropInBuilder, Learning};
-pub use figures::EpisodeLog;
+pub use metrics::EpisodeLog;
 pub use state::{DropInState, RestoreError};
 
 use shield_api::{
     Error, Learner, Phase, ResetSignal, ResetTask, Result, Spaces, StepOutcome, check_finite, check_length,
 };
 
-use self::figures::Figures;
+use self::metrics::EpisodeMetrics;
 use crate::{
     cycle::{HardResetDue, ResetCycle},
     decision::{Cause, Decision},
+    events::Counters,
     experience::AgentRole,
-    record::Counters,
     shield::{Judgement, Ladder, write_safe},
 };
 
@@ -84,7 +84,7 @@ use crate::{
 pub struct DropIn {
     cycle: ResetCycle,
     task: Option<Box<dyn ResetTask>>,
-    figures: Figures,
+    metrics: EpisodeMetrics,
     observation: Vec<f32>,
 }
 
@@ -103,7 +103,7 @@ impl DropIn {
             return Err(Error::invalid_argument("a shield needs rules and a reset agent"));
         };
         let observation = vec![0.0; ladder.spaces().observation_len()];
-        Ok(Self { cycle, task, figures: Figures::default(), observation })
+        Ok(Self { cycle, task, metrics: EpisodeMetrics::default(), observation })
     }
 
     /// Everything is at its start, where `observation` is seen: before the first step, and after each hard reset.
@@ -120,7 +120,7 @@ impl DropIn {
             self.cycle.count_hard_reset(1.0, true);
         }
         self.cycle.placed();
-        self.figures.episode_is_over(self.cycle.counters(), None)
+        self.metrics.episode_is_over(self.cycle.counters(), None)
     }
 
     /// Decides on `action`, which afterwards holds what may be executed: the proposed action, a projected one, or the reset agent's. The
@@ -210,8 +210,8 @@ impl DropIn {
     fn take_note(&mut self, next_observation: &[f32], outcome: &StepOutcome) -> Result<()> {
         let in_charge = self.phase();
         let end = self.cycle.observe(next_observation, outcome)?;
-        self.figures.take(self.cycle.metrics());
-        self.figures.step(in_charge, outcome.reset_reward);
+        self.metrics.take(self.cycle.metrics());
+        self.metrics.step(in_charge, outcome.reset_reward);
         let Some(end) = end else { return Ok(()) };
         let attempt = self.cycle.finish(end);
         if in_charge == Phase::Reset {
@@ -219,7 +219,7 @@ impl DropIn {
                 // Another attempt begins at once.
                 self.cycle.begin_episode();
             }
-            self.figures.episode_is_over(self.cycle.counters(), Some(attempt.has_reset))?;
+            self.metrics.episode_is_over(self.cycle.counters(), Some(attempt.has_reset))?;
         }
         Ok(())
     }
@@ -347,6 +347,6 @@ impl DropIn {
             take(name, count as f64);
         }
         take("hard_reset_cost", counters.hard_reset_cost);
-        self.figures.each(take);
+        self.metrics.each(take);
     }
 }

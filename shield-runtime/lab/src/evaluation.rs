@@ -5,12 +5,12 @@ use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
 use shield_api::{ActMode, Error, Learner, Result};
 
-use crate::batch::{Batch, Lane};
+use crate::lanes::{Lane, Lanes};
 use shield_core::{
     agent::ForwardAgent,
     cycle::{restore_rules, save_rules},
+    events::{EvaluationEvent, Tally},
     plugin_state::PluginState,
-    record::{EvaluationRecord, Tally},
     settings::EvaluatedAgent,
     shield::{self, Ladder, Moment},
     world::Stepped,
@@ -27,7 +27,7 @@ pub(crate) struct EvaluatorState {
 /// Runs greedy episodes, as many at the same time as there are worlds. Every evaluation of a run starts from the same seeds, so that two
 /// differ by the agent alone.
 pub struct Evaluator {
-    batch: Batch,
+    batch: Lanes,
     ladder: Option<Ladder>,
     agent: EvaluatedAgent,
     start: Option<String>,
@@ -57,7 +57,7 @@ impl Evaluator {
     /// # Errors
     /// There is no world, or more than one for a ladder.
     pub fn new(
-        mut batch: Batch,
+        mut batch: Lanes,
         ladder: Option<Ladder>,
         agent: EvaluatedAgent,
         start: Option<String>,
@@ -96,7 +96,7 @@ impl Evaluator {
         step: u64,
         forward: Option<&'a mut ForwardAgent>,
         reset: Option<&'a mut (dyn Learner + 'a)>,
-    ) -> Result<EvaluationRecord> {
+    ) -> Result<EvaluationEvent> {
         let mut agents = Agents { forward, reset };
         let mut seeds = Pcg64::seed_from_u64(self.seed);
         let seeds: Vec<u64> = (0..self.episodes).map(|_| seeds.next_u64()).collect();
@@ -105,7 +105,7 @@ impl Evaluator {
             episodes.extend(self.wave(step, wave, &mut agents)?);
         }
         let mut record =
-            EvaluationRecord { step, mean_return: 0.0, success_rate: 0.0, irreversible_entries: 0, steps: 0 };
+            EvaluationEvent { step, mean_return: 0.0, success_rate: 0.0, irreversible_entries: 0, steps: 0 };
         for Episode { tally, irreversible_entries, .. } in episodes {
             let (gain, has_succeeded) = match self.agent {
                 EvaluatedAgent::Forward => (tally.forward_return, tally.success),

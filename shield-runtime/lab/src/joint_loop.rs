@@ -18,8 +18,8 @@ use crate::{
 };
 use shield_core::{
     cycle::{CycleParts, HardResetDue, ResetCycle},
+    events::{Counters, EpisodeEnd, EpisodeEvent, HardReset},
     experience::AgentRole,
-    record::{Counters, EpisodeEnd, EpisodeRecord, HardReset},
     settings::Mode,
     world::{Stepped, World},
 };
@@ -118,7 +118,7 @@ impl<'a> JointLoop<'a> {
     }
 
     /// One step of the episode under way, or of the next one. Returns the episode that ends with it.
-    fn step(&mut self) -> anyhow::Result<Option<EpisodeRecord>> {
+    fn step(&mut self) -> anyhow::Result<Option<EpisodeEvent>> {
         if self.cycle.begin_episode() && self.cycle.turn() == AgentRole::Reset {
             self.cycle.value_start(self.world.observation())?;
         }
@@ -164,7 +164,7 @@ impl<'a> JointLoop<'a> {
     }
 
     /// After an episode: the report, and the hard reset that may follow it.
-    fn close(&mut self, mut episode: EpisodeRecord) -> anyhow::Result<()> {
+    fn close(&mut self, mut episode: EpisodeEvent) -> anyhow::Result<()> {
         let due = self.cycle.hard_reset_due();
         if let Some(due) = due {
             // A lost world has no state to ask, and its end is not the reset agent's doing.

@@ -1,10 +1,10 @@
 //! Runs of experiments: the joint loop, evaluation, run folders, checkpoints and replay.
 
-pub mod batch;
 pub mod checkpoint;
 mod contained;
 pub mod evaluation;
 pub mod joint_loop;
+pub mod lanes;
 pub mod loop_state;
 pub mod observer;
 pub mod run;

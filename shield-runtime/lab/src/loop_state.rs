@@ -8,8 +8,8 @@ use crate::evaluation::EvaluatorState;
 use shield_core::{
     agent::AgentState,
     cycle::{CycleState, LearnedState},
+    events::Counters,
     plugin_state::PluginState,
-    record::Counters,
     world::{World, WorldState},
 };
 

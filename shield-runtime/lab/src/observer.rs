@@ -6,8 +6,8 @@ use shield_api::{Learner, StepOutcome};
 
 use crate::loop_state::LoopState;
 use shield_core::{
+    events::{Counters, DecisionEvent, EpisodeEvent, EvaluationEvent, Intervention},
     experience::{AgentRole, Experience},
-    record::{Counters, DecisionRecord, EpisodeRecord, EvaluationRecord, Intervention},
     world::World,
 };
 
@@ -86,7 +86,7 @@ pub trait Observer {
     ///
     /// # Errors
     /// The observer cannot go on.
-    fn on_decision(&mut self, decision: &DecisionRecord<'_>) -> anyhow::Result<()> {
+    fn on_decision(&mut self, decision: &DecisionEvent<'_>) -> anyhow::Result<()> {
         Ok(())
     }
 
@@ -94,7 +94,7 @@ pub trait Observer {
     ///
     /// # Errors
     /// The observer cannot go on.
-    fn on_episode(&mut self, episode: &EpisodeRecord, counters: &Counters) -> anyhow::Result<()> {
+    fn on_episode(&mut self, episode: &EpisodeEvent, counters: &Counters) -> anyhow::Result<()> {
         Ok(())
     }
 
@@ -110,7 +110,7 @@ pub trait Observer {
     ///
     /// # Errors
     /// The observer cannot go on.
-    fn on_evaluation(&mut self, evaluation: &EvaluationRecord, counters: &Counters) -> anyhow::Result<()> {
+    fn on_evaluation(&mut self, evaluation: &EvaluationEvent, counters: &Counters) -> anyhow::Result<()> {
         Ok(())
     }
 
@@ -147,12 +147,12 @@ impl<A: Observer, B: Observer> Observer for Fanout<A, B> {
         self.1.on_intervention(intervention, scene)
     }
 
-    fn on_decision(&mut self, decision: &DecisionRecord<'_>) -> anyhow::Result<()> {
+    fn on_decision(&mut self, decision: &DecisionEvent<'_>) -> anyhow::Result<()> {
         self.0.on_decision(decision)?;
         self.1.on_decision(decision)
     }
 
-    fn on_episode(&mut self, episode: &EpisodeRecord, counters: &Counters) -> anyhow::Result<()> {
+    fn on_episode(&mut self, episode: &EpisodeEvent, counters: &Counters) -> anyhow::Result<()> {
         self.0.on_episode(episode, counters)?;
         self.1.on_episode(episode, counters)
     }
@@ -162,7 +162,7 @@ impl<A: Observer, B: Observer> Observer for Fanout<A, B> {
         self.1.on_metric(step, name, mean)
     }
 
-    fn on_evaluation(&mut self, evaluation: &EvaluationRecord, counters: &Counters) -> anyhow::Result<()> {
+    fn on_evaluation(&mut self, evaluation: &EvaluationEvent, counters: &Counters) -> anyhow::Result<()> {
         self.0.on_evaluation(evaluation, counters)?;
         self.1.on_evaluation(evaluation, counters)
     }

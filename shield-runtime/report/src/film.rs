@@ -9,8 +9,8 @@ use shield_api::{Frame, Space, Spaces};
 use crate::report::Picture;
 use overlay::{Caption, Mark, ValueBar};
 use shield_core::{
+    events::{Counters, EpisodeEvent, Intervention},
     experience::AgentRole,
-    record::{Counters, EpisodeRecord, Intervention},
 };
 use shield_lab::observer::{Observer, Scene, Step};
 
@@ -212,7 +212,7 @@ impl Observer for Filmer<'_> {
         self.picture(scene, &caption, value, Some(Mark::Abort), ABORT_PICTURES)
     }
 
-    fn on_episode(&mut self, episode: &EpisodeRecord, _counters: &Counters) -> Result<()> {
+    fn on_episode(&mut self, episode: &EpisodeEvent, _counters: &Counters) -> Result<()> {
         if episode.hard_reset.is_some() {
             self.hard_reset_left = HARD_RESET_PICTURES;
         }

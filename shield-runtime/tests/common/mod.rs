@@ -16,11 +16,11 @@ use shield_runtime::{
     agent::{Agent, ForwardAgent},
     cycle::{CycleParts, CycleSettings, Memory},
     evaluation::Evaluator,
+    events::{Counters, EpisodeEvent, EvaluationEvent, Intervention},
     experience::{AgentRole, Experience},
     experiment::{Mode, ProjectionConfig, RecordConfig},
     joint_loop::{JointLoop, LoopSettings, Participants},
     observer::{Observer, Scene as Stage},
-    record::{Counters, EpisodeRecord, EvaluationRecord, Intervention},
     shield::{Ladder, LadderSettings},
     world::World,
 };
@@ -227,14 +227,14 @@ pub fn shield(rules: Vec<Box<dyn AbortRule>>, reset_agent: &dyn Learner, warm_up
 /// Keeps everything that the loop reports.
 #[derive(Default)]
 pub struct Notebook {
-    pub episodes: Vec<EpisodeRecord>,
+    pub episodes: Vec<EpisodeEvent>,
     /// Step, proposed, executed, cause, reason.
     pub interventions: Vec<(u64, f32, Option<f32>, String, String)>,
-    pub evaluations: Vec<EvaluationRecord>,
+    pub evaluations: Vec<EvaluationEvent>,
 }
 
 impl Observer for Notebook {
-    fn on_episode(&mut self, episode: &EpisodeRecord, _counters: &Counters) -> anyhow::Result<()> {
+    fn on_episode(&mut self, episode: &EpisodeEvent, _counters: &Counters) -> anyhow::Result<()> {
         self.episodes.push(*episode);
         Ok(())
     }
@@ -250,7 +250,7 @@ impl Observer for Notebook {
         Ok(())
     }
 
-    fn on_evaluation(&mut self, evaluation: &EvaluationRecord, _: &Counters) -> anyhow::Result<()> {
+    fn on_evaluation(&mut self, evaluation: &EvaluationEvent, _: &Counters) -> anyhow::Result<()> {
         self.evaluations.push(*evaluation);
         Ok(())
     }

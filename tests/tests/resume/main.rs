@@ -15,10 +15,10 @@ use std::{
 };
 
 use shield_runtime::{
+    events::{Counters, EvaluationEvent},
     experiment::{ExperimentFile, Override, Variant},
     observer::{Observer, Scene, Step},
     plugin::{Registry, SearchPath},
-    record::{Counters, EvaluationRecord},
     run::{Identity, Order, RunFolder, Standing, restore},
 };
 use shield_tests::{cart, gridworld, plugins_folder, run_files};
@@ -113,7 +113,7 @@ impl Observer for Saboteur<'_> {
         Ok(())
     }
 
-    fn on_evaluation(&mut self, evaluation: &EvaluationRecord, _: &Counters) -> anyhow::Result<()> {
+    fn on_evaluation(&mut self, evaluation: &EvaluationEvent, _: &Counters) -> anyhow::Result<()> {
         if let Sabotage::CrashInEvaluation(step) = self.sabotage {
             anyhow::ensure!(evaluation.step != step, "crash");
         }

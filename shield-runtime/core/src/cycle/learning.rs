@@ -5,8 +5,8 @@ use shield_api::{Error, Result, StepOutcome};
 use super::{CycleParts, CycleSettings, Memory, ResetCycle};
 use crate::{
     decision::Cause,
+    events::{EpisodeEnd, Tally},
     experience::{AgentRole, AgentShare, Transition},
-    record::{EpisodeEnd, Tally},
     settings::Updates,
 };
 

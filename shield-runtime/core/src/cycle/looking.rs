@@ -5,8 +5,8 @@ use shield_api::{Learner, metrics::Metrics};
 use super::{CycleParts, CycleSettings, HardResetDue, ResetCycle};
 use crate::{
     agent::{Agent, ForwardAgent},
+    events::Counters,
     experience::{AgentRole, Experience},
-    record::Counters,
     shield::Ladder,
 };
 

@@ -6,9 +6,9 @@ use shield_api::{AbortRule, Error, Result};
 use super::{CycleParts, ResetCycle};
 use crate::{
     agent::{Agent, AgentState, ForwardAgent},
+    events::{Counters, Tally},
     experience::AgentRole,
     plugin_state::PluginState,
-    record::{Counters, Tally},
     shield::Ladder,
 };
 

@@ -11,8 +11,8 @@ use super::DropIn;
 use crate::{
     agent::AgentState,
     cycle::{HardResetDue, LearnedState, Memory},
+    events::Counters,
     plugin_state::PluginState,
-    record::Counters,
 };
 
 /// Tells the state from that of a run.

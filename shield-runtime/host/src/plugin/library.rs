@@ -1,9 +1,9 @@
 //! One loaded library: its file is read first, then opened, then every table of it is checked, and only then called.
 
-mod c_door;
+mod c_entry;
 mod load;
 mod neighbours;
-mod rust_door;
+mod rust_entry;
 mod tables;
 
 use std::path::Path;
@@ -111,8 +111,8 @@ impl Library {
         check(path, &manifests)?;
         let opened = load::open(&file, is_pinned)?;
         let list = match language {
-            Language::Rust => rust_door::enter(path, opened)?,
-            Language::C => c_door::enter(path, opened)?,
+            Language::Rust => rust_entry::enter(path, opened)?,
+            Language::C => c_entry::enter(path, opened)?,
         };
         let plugins = tables::check_library(path, list, manifests)?;
         Ok(Self { file, plugins })

@@ -7,8 +7,8 @@ use crate::observer::Scene;
 use shield_core::{
     cycle::Deliberation,
     decision::{Abort, Decision},
+    events::{DecisionEvent, Intervention},
     experience::AgentRole,
-    record::{DecisionRecord, Intervention},
 };
 
 impl JointLoop<'_> {
@@ -55,7 +55,7 @@ impl JointLoop<'_> {
         // A rejected action of the reset agent has given way to another; one of the forward agent ends its episode.
         let is_executed = decision.abort().is_none() || role == AgentRole::Reset;
         if self.settings.record.takes(step, rejection.is_some()) {
-            self.observer.on_decision(&DecisionRecord {
+            self.observer.on_decision(&DecisionEvent {
                 step,
                 role,
                 decision,

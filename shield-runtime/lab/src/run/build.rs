@@ -6,9 +6,9 @@ use rand_pcg::Pcg64;
 use shield_api::{Environment, Host, Learner, Policy, Setup, Spaces};
 
 use crate::{
-    batch::Batch,
     evaluation::Evaluator,
     joint_loop::{LoopSettings, Participants},
+    lanes::Lanes,
 };
 use shield_config::{
     experiment::{
@@ -222,7 +222,7 @@ impl<'a> Builder<'a> {
         if let Some(start) = &config.start {
             self.check_start("evaluation.start", start, &worlds[0])?;
         }
-        let batch = Batch::new(worlds, self.experiment.threads)
+        let batch = Lanes::new(worlds, self.experiment.threads)
             .map_err(|error| self.workshop.refused("threads", &error))?;
         let ladder = match reset {
             Some(reset) if config.shielded => Some(self.ladder(reset, spaces, Stream::EvaluationRules)?),

@@ -27,7 +27,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::checkpoint::CheckpointError;
 use shield_config::atomic_file::{AtomicFile, remove_leftovers};
-use shield_core::record::DecisionRecord;
+use shield_core::events::DecisionEvent;
 
 /// Rows that wait in memory until they are written together.
 const ROWS: usize = 8_192;
@@ -198,7 +198,7 @@ impl DecisionLog {
     ///
     /// # Errors
     /// A file cannot be written.
-    pub fn push(&mut self, record: &DecisionRecord<'_>) -> Result<()> {
+    pub fn push(&mut self, record: &DecisionEvent<'_>) -> Result<()> {
         let cause = record.rejection.map_or(String::new(), |rejection| rejection.cause.to_string());
         let judgement = record.judgement;
         let numbers: [&[f32]; 8] = [

@@ -6,7 +6,7 @@ use anyhow::Result;
 
 use super::tables::{EvaluationRow, InterventionRow, LearningRow, MetricsRow, Row, Table, TimingRow};
 use crate::checkpoint::CheckpointError;
-use shield_config::events::{self, EventFile};
+use shield_config::tensorboard::{self, EventFile};
 
 /// Their names in the folder of the run.
 pub(super) const NAMES: [&str; 6] = [
@@ -15,7 +15,7 @@ pub(super) const NAMES: [&str; 6] = [
     EvaluationRow::FILE,
     LearningRow::FILE,
     TimingRow::FILE,
-    events::FILE,
+    tensorboard::FILE,
 ];
 
 /// The length of each file in bytes, by its name.
@@ -74,7 +74,7 @@ impl Files {
     /// Cuts off what the files have beyond `lengths`, which [`check`] saw.
     pub fn cut_back(&mut self, lengths: &Lengths) -> Result<()> {
         let length = |name: &str| lengths.get(name).copied().unwrap_or(0);
-        self.events.cut_back(length(events::FILE))?;
+        self.events.cut_back(length(tensorboard::FILE))?;
         self.tables().into_iter().try_for_each(|table| table.cut_back(length(table.name())))
     }
 

@@ -24,8 +24,8 @@ use crate::{
 };
 use shield_core::{
     decision::ProjectionKind,
+    events::{Counters, DecisionEvent, EpisodeEvent, EvaluationEvent, Intervention},
     experience::AgentRole,
-    record::{Counters, DecisionRecord, EpisodeRecord, EvaluationRecord, Intervention},
 };
 
 /// How long finished rows may wait in memory.
@@ -280,11 +280,11 @@ impl Observer for Recorder {
         Ok(())
     }
 
-    fn on_decision(&mut self, decision: &DecisionRecord<'_>) -> Result<()> {
+    fn on_decision(&mut self, decision: &DecisionEvent<'_>) -> Result<()> {
         self.decisions.push(decision)
     }
 
-    fn on_episode(&mut self, episode: &EpisodeRecord, counters: &Counters) -> Result<()> {
+    fn on_episode(&mut self, episode: &EpisodeEvent, counters: &Counters) -> Result<()> {
         let gain = match episode.role {
             AgentRole::Forward => episode.forward_return,
             AgentRole::Reset => episode.reset_return,
@@ -335,7 +335,7 @@ impl Observer for Recorder {
         self.files.learning.write(&LearningRow { step, metric: name, mean })
     }
 
-    fn on_evaluation(&mut self, evaluation: &EvaluationRecord, counters: &Counters) -> Result<()> {
+    fn on_evaluation(&mut self, evaluation: &EvaluationEvent, counters: &Counters) -> Result<()> {
         self.results.add(evaluation, self.solved_at);
         self.files.events.scalars(
             evaluation.step,
@@ -345,7 +345,7 @@ impl Observer for Recorder {
                 ("evaluation/irreversible_entries", evaluation.irreversible_entries as f64),
             ],
         )?;
-        let EvaluationRecord { step, mean_return, success_rate, irreversible_entries, steps } = *evaluation;
+        let EvaluationEvent { step, mean_return, success_rate, irreversible_entries, steps } = *evaluation;
         self.files.evaluations.write(&EvaluationRow {
             step,
             mean_return,

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use shield_core::record::{Counters, EvaluationRecord};
+use shield_core::events::{Counters, EvaluationEvent};
 
 /// Which run it is.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -89,7 +89,7 @@ pub struct Summary {
 /// What the evaluations of a run come to.
 #[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub(super) struct Evaluations {
-    pub last: Option<EvaluationRecord>,
+    pub last: Option<EvaluationEvent>,
     pub best_return: Option<f64>,
     streak: u32,
     streak_start: u64,
@@ -97,7 +97,7 @@ pub(super) struct Evaluations {
 }
 
 impl Evaluations {
-    pub fn add(&mut self, evaluation: &EvaluationRecord, solved_at: f64) {
+    pub fn add(&mut self, evaluation: &EvaluationEvent, solved_at: f64) {
         if evaluation.success_rate >= solved_at {
             if self.streak == 0 {
                 self.streak_start = evaluation.step;
@@ -167,7 +167,7 @@ mod tests {
         let mut evaluations = Evaluations::default();
         for (index, success_rate) in successes.iter().enumerate() {
             let step = (index as u64 + 1) * 100;
-            let record = EvaluationRecord {
+            let record = EvaluationEvent {
                 step,
                 mean_return: 0.0,
                 success_rate: *success_rate,

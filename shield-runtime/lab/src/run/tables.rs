@@ -11,7 +11,7 @@ use csv::Writer;
 use serde::Serialize;
 
 use shield_config::growing_file;
-use shield_core::record::EpisodeEnd;
+use shield_core::events::EpisodeEnd;
 
 /// A row of one of the files; the fields are the columns.
 pub(super) trait Row: Serialize + Default {

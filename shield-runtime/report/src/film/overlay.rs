@@ -11,7 +11,7 @@ use embedded_graphics::{
 };
 
 use crate::report::Picture;
-use shield_core::record::Counters;
+use shield_core::events::Counters;
 
 const BACKGROUND: Rgb888 = Rgb888::new(24, 26, 30);
 const TEXT: Rgb888 = Rgb888::new(235, 235, 235);

@@ -12,7 +12,7 @@ use shield_core::world::{Stepped, World};
 pub struct Lane {
     /// The world; its owner places it and looks at it between steps.
     pub world: World,
-    /// What the next [`Batch::step`] executes.
+    /// What the next [`Lanes::step`] executes.
     pub action: Vec<f32>,
     /// Whether the next step steps this lane at all.
     pub is_running: bool,
@@ -37,14 +37,14 @@ impl Lane {
 }
 
 /// Worlds with nothing in common. What becomes of each does not depend on how many threads there are.
-pub struct Batch {
+pub struct Lanes {
     lanes: Vec<Lane>,
     pool: Option<ThreadPool>,
     /// So many neighbours go to one thread.
     share: usize,
 }
 
-impl Batch {
+impl Lanes {
     /// Puts worlds beside each other.
     ///
     /// # Errors

@@ -4,14 +4,14 @@ use std::path::Path;
 
 use shield_api::abi::{ENTRY_SYMBOL, PluginLibrary};
 
-use super::{PluginError, rust_door};
+use super::{PluginError, rust_entry};
 
 /// The list of plugins, not checked yet.
 pub(super) fn enter(
     path: &Path,
     library: &'static libloading::Library,
 ) -> Result<*const PluginLibrary, PluginError> {
-    if rust_door::exists(library) {
+    if rust_entry::exists(library) {
         return Err(PluginError::BadManifest {
             path: path.into(),
             reason: "it says that the library is written in C, but the library has the door of a Rust plugin"

@@ -44,7 +44,7 @@ impl EpisodeEnd {
 
 /// One finished episode of either agent.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct EpisodeRecord {
+pub struct EpisodeEvent {
     /// Who was in charge.
     pub role: AgentRole,
     /// Its steps.
@@ -95,7 +95,7 @@ pub struct Intervention<'a> {
 
 /// One decision, whatever it was.
 #[derive(Debug, Clone, Copy)]
-pub struct DecisionRecord<'a> {
+pub struct DecisionEvent<'a> {
     /// Environment steps before it.
     pub step: u64,
     /// Whose action it was.
@@ -118,7 +118,7 @@ pub struct DecisionRecord<'a> {
     pub state: Option<&'a [u8]>,
 }
 
-impl DecisionRecord<'_> {
+impl DecisionEvent<'_> {
     /// `allow`, `warm_up`, `project`, `abort`, or `replace` where the reset agent's exploration gave way to its greedy action.
     pub fn verdict(&self) -> &'static str {
         match self.decision {
@@ -133,7 +133,7 @@ impl DecisionRecord<'_> {
 
 /// One evaluation.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct EvaluationRecord {
+pub struct EvaluationEvent {
     /// Training steps before it.
     pub step: u64,
     /// Mean return of its episodes.

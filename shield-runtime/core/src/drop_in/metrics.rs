@@ -3,7 +3,7 @@
 use shield_api::{Phase, Result, metrics::Metrics};
 
 use super::DropIn;
-use crate::record::Counters;
+use crate::events::Counters;
 
 /// Receives what each episode of a drop-in comes to.
 pub trait EpisodeLog: Send {
@@ -17,44 +17,44 @@ pub trait EpisodeLog: Send {
 impl DropIn {
     /// Tells `log` from now on what each episode comes to.
     pub fn log_episodes(&mut self, log: Box<dyn EpisodeLog>) {
-        self.figures.log = Some(log);
+        self.metrics.log = Some(log);
     }
 }
 
-/// One figure of the learner: its sum and count in the present episode, and its mean in the last one that had any.
+/// One metric of the learner: its sum and count in the present episode, and its mean in the last one that had any.
 #[derive(Debug)]
-struct Figure {
+struct Metric {
     name: String,
     sum: f64,
     count: u64,
     last: f64,
 }
 
-impl Figure {
+impl Metric {
     fn mean(&self) -> f64 {
         if self.count > 0 { self.sum / self.count as f64 } else { self.last }
     }
 }
 
-/// The figures since the last episode, and where they go.
+/// The metrics since the last episode, and where they go.
 #[derive(Default)]
-pub(super) struct Figures {
-    figures: Vec<Figure>,
+pub(super) struct EpisodeMetrics {
+    metrics: Vec<Metric>,
     reset_return: f64,
     log: Option<Box<dyn EpisodeLog>>,
 }
 
-impl Figures {
+impl EpisodeMetrics {
     /// Takes what was reported since the last time.
     pub fn take(&mut self, metrics: &Metrics) {
         metrics.drain(&mut |name, mean| {
-            let known = self.figures.iter().position(|figure| figure.name == name);
+            let known = self.metrics.iter().position(|metric| metric.name == name);
             let index = known.unwrap_or_else(|| {
-                self.figures.push(Figure { name: name.to_owned(), sum: 0.0, count: 0, last: f64::NAN });
-                self.figures.len() - 1
+                self.metrics.push(Metric { name: name.to_owned(), sum: 0.0, count: 0, last: f64::NAN });
+                self.metrics.len() - 1
             });
-            let figure = &mut self.figures[index];
-            (figure.sum, figure.count) = (figure.sum + mean, figure.count + 1);
+            let metric = &mut self.metrics[index];
+            (metric.sum, metric.count) = (metric.sum + mean, metric.count + 1);
         });
     }
 
@@ -77,18 +77,18 @@ impl Figures {
                 scalars.push(("reset/return", reset_return));
                 scalars.push(("reset/success", f64::from(u8::from(has_reset))));
             }
-            let seen = self.figures.iter().filter(|figure| figure.count > 0);
-            scalars.extend(seen.map(|figure| (figure.name.as_str(), figure.mean())));
+            let seen = self.metrics.iter().filter(|metric| metric.count > 0);
+            scalars.extend(seen.map(|metric| (metric.name.as_str(), metric.mean())));
             log.write(counters.steps, &scalars)?;
         }
-        for figure in &mut self.figures {
-            figure.last = figure.mean();
-            (figure.sum, figure.count) = (0.0, 0);
+        for metric in &mut self.metrics {
+            metric.last = metric.mean();
+            (metric.sum, metric.count) = (0.0, 0);
         }
         Ok(())
     }
 
     pub fn each(&self, take: &mut impl FnMut(&str, f64)) {
-        self.figures.iter().for_each(|figure| take(&figure.name, figure.mean()));
+        self.metrics.iter().for_each(|metric| take(&metric.name, metric.mean()));
     }
 }
