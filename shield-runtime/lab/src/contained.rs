@@ -28,7 +28,8 @@ fn keep_what_is_said() {
     ONCE.call_once(|| {
         let previous = panic::take_hook();
         panic::set_hook(Box::new(move |info| {
-            if IS_CONTAINED.get() {
+            // A thread that is ending contains nothing.
+            if IS_CONTAINED.try_with(Cell::get).unwrap_or(false) {
                 let message = info.payload_as_str().unwrap_or("a panic without a message");
                 SAID.set(Some(message.to_owned()));
             } else {

@@ -2,7 +2,7 @@
 
 use std::{
     fs,
-    os::unix::fs::PermissionsExt,
+    os::unix::{fs::PermissionsExt, process::ExitStatusExt},
     path::{Path, PathBuf},
     process::{Command, Output},
 };
@@ -61,6 +61,9 @@ fn with_plugin(config: &str, index: usize, fields: &str) -> String {
     let length = config[start..].find("path: None,").unwrap() + "path: None,".len();
     format!("{}{fields}{}", &config[..start], &config[start + length..])
 }
+
+/// Which of [`evil_configurations`] has an isolated plugin.
+const ISOLATED: usize = 6;
 
 /// Configurations of which something would be executed, if a report made what they name.
 fn evil_configurations(config: &str, folder: &Path) -> Vec<(String, bool)> {
@@ -128,6 +131,10 @@ fn the_library_and_the_program_of_these_tests_would_show_that_they_were_executed
         command.env("SHIELD_WORKER", folder.path().join("evil.sh")).env("SHIELD_TEST_MARKER", &marker);
         let output = command.output().unwrap();
         assert!(fs::remove_file(&marker).is_ok(), "{index}: a run does not execute it: {}", said(&output));
+        if index == ISOLATED {
+            let status = without_processes(&mut command).status().unwrap();
+            assert_eq!(status.signal(), Some(libc::SIGSYS), "a process was started");
+        }
     }
 }
 

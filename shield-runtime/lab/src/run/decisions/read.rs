@@ -112,8 +112,12 @@ pub(super) fn read_part(part: &Path, take: &mut dyn FnMut(DecisionRow) -> Result
     while let Some(row) = contained(|| rows.next()).with_context(damaged)? {
         let mut decision = DecisionRow::default();
         for (name, field) in row.with_context(damaged)?.get_column_iter() {
-            fill(&mut decision, &kinds, name, field)
-                .ok_or_else(|| anyhow!("{}: the column {name} is not known", part.display()))?;
+            fill(&mut decision, &kinds, name, field).ok_or_else(|| {
+                anyhow!(
+                    "{}: the column {name} is not known, or has a value that it cannot have",
+                    part.display()
+                )
+            })?;
         }
         if !take(decision)? {
             return Ok(false);
