@@ -8,7 +8,7 @@ use shield_api::PluginConfig;
 use crate::scenery::on_stage;
 use crate::simulation::Simulation;
 use crate::suite::pseudo_random_actions;
-use crate::task::Task;
+use crate::task::{RobotConfig, Task};
 use crate::{
     ball_in_cup::BallInCup, cliff_cheetah::CliffCheetah, cliff_walker::CliffWalker,
     half_cheetah::HalfCheetah, inverted_pendulum::InvertedPendulum, walker::Walker,
@@ -42,11 +42,11 @@ fn free_motion(simulation: &mut Simulation, substeps: usize) -> String {
 }
 
 fn export<T: Task>(name: &str, folder: &Path) {
-    let task = T::new(T::Config::parse("()").unwrap()).unwrap();
-    let model = task.model().replace("</mujoco>", WEIGHTLESS);
+    let config = T::Config::parse("()").unwrap();
+    let model = T::model(&config).replace("</mujoco>", WEIGHTLESS);
     let mut simulation = Simulation::new(&model).unwrap();
     std::fs::write(folder.join(name).with_extension("xml"), on_stage(&model)).unwrap();
-    let lines = free_motion(&mut simulation, task.control_step());
+    let lines = free_motion(&mut simulation, config.control_step());
     std::fs::write(folder.join(name).with_extension("csv"), lines).unwrap();
 }
 
