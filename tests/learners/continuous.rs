@@ -2,9 +2,9 @@
 
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use shield_api::{ActMode, Batch, Host, PluginConfig, Setup, Space, Spaces};
+use shield_api::{ActMode, Batch, Host, Learner, Plugin, PluginConfig, Setup, Space, Spaces};
 
-use actor_critic::{Noise, Normaliser};
+use actor_critic::{Agent, Noise, Normaliser};
 use serde::{Deserialize, Serialize};
 
 use super::conformance::{
@@ -27,75 +27,134 @@ pub fn to_unit(action: &[f32]) -> [f32; 2] {
     [action[0] / 2.0, 2.0 * action[1] - 1.0]
 }
 
-/// The settings that these learners have in common, as [`Subject::small`] wants them.
-pub fn small() -> Settings {
-    vec![
-        ("critics", "3"),
-        ("actor_hidden", "[20, 15]"),
-        ("critic_hidden", "[20, 15]"),
-        ("random_steps", "1"),
-        ("final_sigma", "Some(0.02)"),
-        ("sigma_steps", "7"),
-    ]
+/// A learner under test: what the others of its kind have otherwise.
+pub trait Continuous: Learner + Plugin {
+    /// How its state begins.
+    const MAGIC: &'static [u8];
+    /// How many networks one member consists of; its value is their smallest.
+    const NETWORKS: usize;
+    /// As [`Inside::plain`].
+    fn plain() -> Settings {
+        Settings::new()
+    }
+    /// As [`Subject::changes`], of the fields that the others have with another default or not at all.
+    fn own_changes() -> Settings;
+    /// As [`Subject::impossible`], of the fields that the others do not have.
+    fn own_impossible() -> Settings {
+        Settings::new()
+    }
+    /// As [`Inside::network_value`].
+    fn network_value(&mut self, network: usize, observation: &[f32], action: &[f32]) -> f32;
 }
 
-/// The same for [`Subject::changes`].
-pub fn changes(own: &[(&'static str, &'static str)]) -> Settings {
-    let mut changes = vec![
-        ("critics", "4"),
-        ("actor_hidden", "[20, 16]"),
-        ("critic_hidden", "[20]"),
-        ("action_layer", "0"),
-        ("activation", "Relu"),
-        ("initialisation", "FanIn"),
-        ("actor_rate", "2e-3"),
-        ("critic_rate", "3e-3"),
-        ("discount", "0.9"),
-        ("tau", "0.5"),
-        ("noise", "OrnsteinUhlenbeck(theta: 0.5)"),
-        ("sigma", "0.3"),
-        ("final_sigma", "Some(0.05)"),
-        ("sigma_steps", "5"),
-        ("random_steps", "2"),
-        ("initial_value", "Some(4.0)"),
-        ("gradient_clip", "Some(1e-8)"),
-        ("normalise_observations", "true"),
-        ("valuation", "Half"),
-    ];
-    changes.extend(own);
-    changes
+/// [`Continuous::network_value`] where the networks are those of `actor-critic`.
+pub fn network_value(agent: &mut Agent, network: usize, observation: &[f32], action: &[f32]) -> f32 {
+    let mut critic = agent.critics.member(network);
+    critic.observe(observation);
+    critic.values(&to_unit(action))[0]
 }
 
-/// The same for [`Subject::impossible`].
-pub fn impossible(own: &[(&'static str, &'static str)]) -> Settings {
-    let mut impossible = vec![
-        ("critics", "0"),
-        ("actor_hidden", "[]"),
-        ("critic_hidden", "[5, 0]"),
-        ("actor_rate", "0.0"),
-        ("critic_rate", "NaN"),
-        ("discount", "1.5"),
-        ("tau", "0.0"),
-        ("tau", "1.5"),
-        ("sigma", "-1.0"),
-        ("final_sigma", "Some(NaN)"),
-        ("noise", "OrnsteinUhlenbeck(theta: 2.0)"),
-        ("initial_value", "Some(inf)"),
-        ("gradient_clip", "Some(0.0)"),
-    ];
-    impossible.extend(own);
-    impossible
+impl<L: Continuous> Subject for L {
+    fn small() -> Settings {
+        vec![
+            ("critics", "3"),
+            ("actor_hidden", "[20, 15]"),
+            ("critic_hidden", "[20, 15]"),
+            ("random_steps", "1"),
+            ("final_sigma", "Some(0.02)"),
+            ("sigma_steps", "7"),
+        ]
+    }
+
+    fn changes() -> Settings {
+        let mut changes = vec![
+            ("critics", "4"),
+            ("actor_hidden", "[20, 16]"),
+            ("critic_hidden", "[20]"),
+            ("action_layer", "0"),
+            ("activation", "Relu"),
+            ("initialisation", "FanIn"),
+            ("actor_rate", "2e-3"),
+            ("critic_rate", "3e-3"),
+            ("discount", "0.9"),
+            ("tau", "0.5"),
+            ("noise", "OrnsteinUhlenbeck(theta: 0.5)"),
+            ("sigma", "0.3"),
+            ("final_sigma", "Some(0.05)"),
+            ("sigma_steps", "5"),
+            ("random_steps", "2"),
+            ("initial_value", "Some(4.0)"),
+            ("gradient_clip", "Some(1e-8)"),
+            ("normalise_observations", "true"),
+            ("valuation", "Half"),
+        ];
+        changes.extend(L::own_changes());
+        changes
+    }
+
+    fn impossible() -> Settings {
+        let mut impossible = vec![
+            ("critics", "0"),
+            ("actor_hidden", "[]"),
+            ("critic_hidden", "[5, 0]"),
+            ("actor_rate", "0.0"),
+            ("critic_rate", "NaN"),
+            ("discount", "1.5"),
+            ("tau", "0.0"),
+            ("tau", "1.5"),
+            ("sigma", "-1.0"),
+            ("final_sigma", "Some(NaN)"),
+            ("noise", "OrnsteinUhlenbeck(theta: 2.0)"),
+            ("initial_value", "Some(inf)"),
+            ("gradient_clip", "Some(0.0)"),
+        ];
+        impossible.extend(L::own_impossible());
+        impossible
+    }
+
+    fn spaces() -> Spaces {
+        spaces()
+    }
+
+    fn impossible_actions() -> Vec<Space> {
+        vec![Space::Discrete { n: 4 }, Space::unbounded(2)]
+    }
+}
+
+impl<L: Continuous> Inside for L {
+    type State = State;
+    const MAGIC: &'static [u8] = <L as Continuous>::MAGIC;
+    const NETWORKS: usize = <L as Continuous>::NETWORKS;
+
+    fn plain() -> Settings {
+        <L as Continuous>::plain()
+    }
+
+    fn critics(state: &mut State) -> &mut Networks {
+        &mut state.critics
+    }
+
+    fn actor(state: &mut State) -> Option<&mut Networks> {
+        Some(&mut state.actor)
+    }
+
+    fn network_value(&mut self, network: usize, observation: &[f32], action: &[f32]) -> f32 {
+        Continuous::network_value(self, network, observation, action)
+    }
+
+    fn next_value(&mut self, member: usize, observation: &[f32]) -> f32 {
+        let mut action = [0.0; 2];
+        self.act(observation, ActMode::Greedy, &mut action).unwrap();
+        let networks = member * <L as Continuous>::NETWORKS..(member + 1) * <L as Continuous>::NETWORKS;
+        let values = networks.map(|network| Continuous::network_value(self, network, observation, &action));
+        values.fold(f32::INFINITY, f32::min)
+    }
 }
 
 /// Observations without bounds; a box of actions that is neither symmetric nor square.
 pub fn spaces() -> Spaces {
     let action = Space::Box { low: vec![-2.0, 0.0], high: vec![2.0, 1.0] };
     Spaces { observation: Space::unbounded(3), action }
-}
-
-/// Action spaces with which a learner for boxes cannot work.
-pub fn impossible_actions() -> Vec<Space> {
-    vec![Space::Discrete { n: 4 }, Space::unbounded(2)]
 }
 
 pub fn actions_stay_in_their_box_whatever_the_noise<L: Subject>() {

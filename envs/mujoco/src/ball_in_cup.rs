@@ -1,14 +1,13 @@
 //! `mujoco/ball-in-cup`: a ball on a string that must be swung into its cup (paper, section 6.1).
 
-use rand::RngExt;
-use rand_pcg::Pcg64;
-use shield_api::{Result, StepOutcome};
+use shield_api::StepOutcome;
 
+use crate::noise::Noise;
 use crate::picture::View;
 use crate::simulation::Simulation;
-use crate::task::{Task, check_start_noise};
+use crate::task::{Task, robot_config};
 
-shield_api::config! {
+robot_config! {
     /// Settings of the ball in the cup.
     pub struct BallInCupConfig {
         /// Steps of an episode.
@@ -54,37 +53,21 @@ impl Toy<'_> {
 }
 
 /// The task on the model of cup and ball.
-pub struct BallInCup {
-    config: BallInCupConfig,
-}
+pub struct BallInCup;
 
 impl Task for BallInCup {
     type Config = BallInCupConfig;
 
-    fn new(config: BallInCupConfig) -> Result<Self> {
-        check_start_noise(config.start_noise)?;
-        Ok(Self { config })
-    }
-
-    fn model(&self) -> String {
+    fn model(_config: &BallInCupConfig) -> String {
         include_str!("ball_in_cup.xml").to_owned()
     }
 
-    fn horizon(&self) -> usize {
-        self.config.horizon
-    }
-
-    fn control_step(&self) -> usize {
-        self.config.control_step
-    }
-
-    fn place(&self, _start: Option<&str>, rng: &mut Pcg64, positions: &mut [f64], velocities: &mut [f64]) {
+    fn place(_start: Option<&str>, noise: &mut Noise<'_>, positions: &mut [f64], velocities: &mut [f64]) {
         positions.copy_from_slice(&RESTING);
-        let noise = self.config.start_noise;
-        velocities.fill_with(|| rng.random_range(-noise..=noise));
+        velocities.fill_with(|| noise.uniform());
     }
 
-    fn outcome(&self, simulation: &Simulation) -> StepOutcome {
+    fn outcome(_config: &BallInCupConfig, simulation: &Simulation) -> StepOutcome {
         let toy = Toy(simulation);
         let is_caught = toy.is_ball_in_cup();
         let reset_reward = (1.0 - 0.5 * toy.distance_from_rest()).clamp(0.0, 1.0);
@@ -99,7 +82,7 @@ impl Task for BallInCup {
         }
     }
 
-    fn view(&self, _simulation: &Simulation) -> View {
+    fn view(_simulation: &Simulation) -> View {
         View::from_the_side([0.0, 0.0, 0.45], 1.4)
     }
 }
@@ -109,18 +92,12 @@ mod tests {
     use shield_api::Environment;
 
     use super::*;
-    use crate::suite::{make, pseudo_random_actions, value_of_staying};
+    use crate::suite::{
+        assert_masses, assert_state, idle_step, make, place, pseudo_random_actions, value_of_staying, wave,
+    };
     use crate::task::Robot;
 
     type BallRobot = Robot<BallInCup>;
-
-    fn idle_step(ball: &mut BallRobot) -> StepOutcome {
-        ball.step(&[0.0; 2], &mut [0.0; 8]).unwrap()
-    }
-
-    fn place(ball: &mut BallRobot, state: [f64; 4]) {
-        ball.simulation_mut().reset(|positions, _| positions.copy_from_slice(&state));
-    }
 
     /// In the cup at rest, the cup lowered by both weights.
     const CAUGHT: [f64; 4] = [0.0, -0.064, 0.0, 0.28];
@@ -149,7 +126,7 @@ mod tests {
     #[test]
     fn a_ball_in_the_cup_stays_and_is_a_success_and_one_below_is_not() {
         let mut ball: BallRobot = make("()");
-        place(&mut ball, CAUGHT);
+        place(&mut ball, &CAUGHT);
         for step in 0..100 {
             let outcome = idle_step(&mut ball);
             assert!(step < 20 || (outcome.success && outcome.forward_reward == 1.0), "{step}: {outcome:?}");
@@ -164,7 +141,7 @@ mod tests {
         let mut ball: BallRobot = make("()");
         ball.reset(0, &mut [0.0; 8]).unwrap();
         let resting = value_of_staying(&mut ball);
-        place(&mut ball, CAUGHT);
+        place(&mut ball, &CAUGHT);
         let caught = value_of_staying(&mut ball);
         assert!(resting > 99.0 && caught > 75.0, "{resting} {caught}");
     }
@@ -194,15 +171,10 @@ mod tests {
         let mut ball: BallRobot = make("(start_noise: 0.0)");
         ball.reset(0, &mut [0.0; 8]).unwrap();
         for step in 0..60 {
-            let wave = |index: usize| ((7 * step / 4 + 3 * index) % 16) as f32 / 8.0 - 1.0;
-            ball.step(&[wave(0), wave(1)], &mut [0.0; 8]).unwrap();
+            let action = [0, 1].map(|dimension| wave(7 * step / 4, dimension));
+            ball.step(&action, &mut [0.0; 8]).unwrap();
         }
-        let simulation = ball.simulation_mut();
-        let state = simulation.positions().iter().chain(simulation.velocities());
-        for (index, (ours, theirs)) in state.zip(published).enumerate() {
-            assert!((ours - theirs).abs() < 1e-6, "{index}: {ours} {theirs}");
-        }
-        let masses = &simulation.model().body_mass()[1..];
-        assert!((masses[0] - 0.06515291).abs() < 1e-8 && (masses[1] - 0.06544985).abs() < 1e-8, "{masses:?}");
+        assert_state(ball.simulation_mut(), &published);
+        assert_masses(ball.simulation_mut(), &[0.06515291, 0.06544985]);
     }
 }

@@ -1,9 +1,6 @@
 //! The half-cheetah: its model and its quantities, for the tasks that it has.
 
-use rand::RngExt;
-use rand_distr::StandardNormal;
-use rand_pcg::Pcg64;
-
+use crate::noise::Noise;
 use crate::picture::View;
 use crate::reward::{tolerance, wrapped};
 use crate::simulation::Simulation;
@@ -54,20 +51,16 @@ impl Cheetah<'_> {
     }
 }
 
-/// Adds uniform noise of ± `noise` to the positions, and normal noise of this deviation to the velocities.
-pub fn add_noise(noise: f64, rng: &mut Pcg64, positions: &mut [f64], velocities: &mut [f64]) {
-    for position in positions {
-        *position += rng.random_range(-noise..=noise);
-    }
-    for velocity in velocities {
-        let standard: f64 = rng.sample(StandardNormal);
-        *velocity += noise * standard;
-    }
+/// Adds uniform noise to the positions and normal noise to the velocities.
+pub fn disturb(noise: &mut Noise<'_>, positions: &mut [f64], velocities: &mut [f64]) {
+    positions.iter_mut().for_each(|position| *position += noise.uniform());
+    velocities.iter_mut().for_each(|velocity| *velocity += noise.normal());
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::suite::{assert_masses, assert_state};
 
     /// What Gymnasium's own model computes: MuJoCo 3.17.0, `half_cheetah.xml`, qpos[1] = 10, then 20 actions sin(0.7 k + i).
     const GYMNASIUM_FREE_FLIGHT: [f64; 18] = [
@@ -94,12 +87,9 @@ mod tests {
     #[test]
     fn masses_match_gymnasiums_model() {
         let simulation = Simulation::new(MODEL).unwrap();
-        let model = simulation.model();
         let published = [6.25020921, 1.54351464, 1.5874477, 1.09539749, 1.43807531, 1.20083682, 0.88451883];
-        for (mass, published) in model.body_mass()[1..].iter().zip(published) {
-            assert!((mass - published).abs() < 1e-8, "{mass} {published}");
-        }
-        assert!((model.totalmass() - 14.0).abs() < 1e-9);
+        assert_masses(&simulation, &published);
+        assert!((simulation.model().totalmass() - 14.0).abs() < 1e-9);
     }
 
     #[test]
@@ -110,9 +100,6 @@ mod tests {
             let action: [f32; 6] = std::array::from_fn(|i| (0.7f32 * k as f32 + i as f32).sin());
             simulation.advance(&action, 5).unwrap();
         }
-        let state = simulation.positions().iter().chain(simulation.velocities());
-        for (index, (ours, theirs)) in state.zip(GYMNASIUM_FREE_FLIGHT).enumerate() {
-            assert!((ours - theirs).abs() < 1e-6, "{index}: {ours} {theirs}");
-        }
+        assert_state(&simulation, &GYMNASIUM_FREE_FLIGHT);
     }
 }

@@ -1,15 +1,14 @@
 //! `mujoco/cliff-cart`: a cart that must stop a hand's breadth before the edge of a table.
 
-use rand::RngExt;
-use rand_pcg::Pcg64;
 use shield_api::{Error, Result, StepOutcome};
 
+use crate::noise::Noise;
 use crate::picture::View;
 use crate::reward::{tolerance, wrapped};
 use crate::simulation::Simulation;
-use crate::task::{Task, check_start_noise};
+use crate::task::{Task, robot_config};
 
-shield_api::config! {
+robot_config! {
     /// Settings of the cart.
     pub struct CliffCartConfig {
         /// Steps of an episode.
@@ -59,9 +58,7 @@ impl Cart<'_> {
 }
 
 /// The task on the cart's model.
-pub struct CliffCart {
-    config: CliffCartConfig,
-}
+pub struct CliffCart;
 
 impl CliffCart {
     /// Half for being near the goal at all, which shows the way from afar; half for being within centimetres of it, without
@@ -78,40 +75,30 @@ impl Task for CliffCart {
     /// At rest at the goal: where the reset agent has the furthest to go.
     const STARTS: &'static [&'static str] = &["goal"];
 
-    fn new(config: CliffCartConfig) -> Result<Self> {
-        check_start_noise(config.start_noise)?;
+    fn check(config: &CliffCartConfig) -> Result<()> {
         let is_valid = config.fall_cost.is_finite() && config.fall_cost >= 0.0;
         if !is_valid {
             let message = format!("fall_cost is {}; it must be finite and not negative", config.fall_cost);
             return Err(Error::invalid_config(message).in_field("fall_cost"));
         }
-        Ok(Self { config })
+        Ok(())
     }
 
-    fn model(&self) -> String {
+    fn model(_config: &CliffCartConfig) -> String {
         include_str!("cliff_cart.xml").to_owned()
     }
 
-    fn horizon(&self) -> usize {
-        self.config.horizon
-    }
-
-    fn control_step(&self) -> usize {
-        self.config.control_step
-    }
-
-    fn place(&self, start: Option<&str>, rng: &mut Pcg64, positions: &mut [f64], velocities: &mut [f64]) {
+    fn place(start: Option<&str>, noise: &mut Noise<'_>, positions: &mut [f64], velocities: &mut [f64]) {
         match start {
             Some(_) => positions[0] = GOAL,
             None => {
-                let noise = self.config.start_noise;
-                positions[0] = rng.random_range(-noise..=noise);
-                velocities[0] = rng.random_range(-noise..=noise);
+                positions[0] = noise.uniform();
+                velocities[0] = noise.uniform();
             }
         }
     }
 
-    fn outcome(&self, simulation: &Simulation) -> StepOutcome {
+    fn outcome(_config: &CliffCartConfig, simulation: &Simulation) -> StepOutcome {
         let cart = Cart(simulation);
         let on_table = if cart.is_on_table() { 1.0 } else { 0.0 };
         let distance = (cart.position() - GOAL).abs();
@@ -129,15 +116,15 @@ impl Task for CliffCart {
         }
     }
 
-    fn reset_kinds(&self) -> Vec<(&'static str, f64)> {
-        vec![("table", 1.0), ("floor", self.config.fall_cost)]
+    fn reset_kinds(config: &CliffCartConfig) -> Vec<(&'static str, f64)> {
+        vec![("table", 1.0), ("floor", config.fall_cost)]
     }
 
-    fn reset_kind(&self, simulation: &Simulation) -> usize {
+    fn reset_kind(simulation: &Simulation) -> usize {
         usize::from(Cart(simulation).has_fallen())
     }
 
-    fn view(&self, _simulation: &Simulation) -> View {
+    fn view(_simulation: &Simulation) -> View {
         View::from_the_side([0.3, 0.0, -0.2], 3.4)
     }
 }

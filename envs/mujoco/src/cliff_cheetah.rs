@@ -1,16 +1,16 @@
 //! `mujoco/cliff-cheetah`: the half-cheetah of the paper's section 6, on a cliff of 14 m.
 
-use rand_pcg::Pcg64;
 use shield_api::{Result, StepOutcome};
 
-use crate::cheetah::{self, Cheetah, add_noise};
+use crate::cheetah::{self, Cheetah};
+use crate::noise::Noise;
 use crate::picture::View;
 use crate::reward::tolerance;
 use crate::scenery::{Cliff, check_cliff_length};
 use crate::simulation::Simulation;
-use crate::task::{Task, check_start_noise};
+use crate::task::{Task, robot_config};
 
-shield_api::config! {
+robot_config! {
     /// Settings of the cheetah.
     pub struct CliffCheetahConfig {
         /// Steps of an episode.
@@ -32,36 +32,24 @@ const CLIFF_HEIGHT: f64 = 0.05;
 const PIT_HEIGHT: f64 = -1.9;
 
 /// The task on the cheetah's model.
-pub struct CliffCheetah {
-    config: CliffCheetahConfig,
-}
+pub struct CliffCheetah;
 
 impl Task for CliffCheetah {
     type Config = CliffCheetahConfig;
 
-    fn new(config: CliffCheetahConfig) -> Result<Self> {
-        check_start_noise(config.start_noise)?;
-        check_cliff_length(config.cliff_length)?;
-        Ok(Self { config })
+    fn check(config: &CliffCheetahConfig) -> Result<()> {
+        check_cliff_length(config.cliff_length)
     }
 
-    fn model(&self) -> String {
-        Cliff { edge: self.config.cliff_length, top: CLIFF_HEIGHT, bottom: PIT_HEIGHT }.under(cheetah::MODEL)
+    fn model(config: &CliffCheetahConfig) -> String {
+        Cliff { edge: config.cliff_length, top: CLIFF_HEIGHT, bottom: PIT_HEIGHT }.under(cheetah::MODEL)
     }
 
-    fn horizon(&self) -> usize {
-        self.config.horizon
+    fn place(_start: Option<&str>, noise: &mut Noise<'_>, positions: &mut [f64], velocities: &mut [f64]) {
+        cheetah::disturb(noise, positions, velocities);
     }
 
-    fn control_step(&self) -> usize {
-        self.config.control_step
-    }
-
-    fn place(&self, _start: Option<&str>, rng: &mut Pcg64, positions: &mut [f64], velocities: &mut [f64]) {
-        add_noise(self.config.start_noise, rng, positions, velocities);
-    }
-
-    fn outcome(&self, simulation: &Simulation) -> StepOutcome {
+    fn outcome(_config: &CliffCheetahConfig, simulation: &Simulation) -> StepOutcome {
         let cheetah = Cheetah(simulation);
         StepOutcome {
             forward_reward: tolerance(cheetah.speed(), RUNNING, 7.0) as f32,
@@ -74,7 +62,7 @@ impl Task for CliffCheetah {
         }
     }
 
-    fn view(&self, simulation: &Simulation) -> View {
+    fn view(simulation: &Simulation) -> View {
         Cheetah(simulation).view()
     }
 }
@@ -84,23 +72,21 @@ mod tests {
     use shield_api::Environment;
 
     use super::*;
-    use crate::suite::{make, pseudo_random_actions, try_make, value_of_staying};
+    use crate::suite::{
+        a_shorter_cliff_ends_before, make, no_pose_at_counts_as_irreversible, place, pseudo_random_pushes,
+        value_of_staying,
+    };
     use crate::task::Robot;
 
     type CheetahRobot = Robot<CliffCheetah>;
-
-    fn place(cheetah: &mut CheetahRobot, x: f64, z: f64, pitch: f64) {
-        cheetah.simulation_mut().reset(|positions, _| positions[..3].copy_from_slice(&[x, z, pitch]));
-    }
 
     #[test]
     fn a_cheetah_that_runs_off_the_cliff_stays_in_the_pit() {
         let mut cheetah: CheetahRobot = make("()");
         let mut observation = [0.0; 18];
-        place(&mut cheetah, 15.0, -0.3, 0.0);
+        place(&mut cheetah, &[15.0, -0.3]);
         let mut entered = 0;
-        for action in pseudo_random_actions(6, 400) {
-            let action: Vec<f32> = action.iter().map(|value| value.signum()).collect();
+        for action in pseudo_random_pushes(6, 400) {
             let outcome = (0..3).map(|_| cheetah.step(&action, &mut observation).unwrap()).last().unwrap();
             assert!(!outcome.in_reset_set && outcome.reset_reward == 0.0, "{outcome:?}");
             assert!(outcome.irreversible || entered == 0, "it came out: {observation:?}");
@@ -111,22 +97,14 @@ mod tests {
 
     #[test]
     fn no_pose_on_the_cliff_counts_as_irreversible() {
-        let mut cheetah: CheetahRobot = make("()");
-        let mut observation = [0.0; 18];
-        for pitch in [0.0, 1.5, 3.1, -1.5] {
-            place(&mut cheetah, 5.0, 0.3, pitch);
-            for action in pseudo_random_actions(6, 100) {
-                let outcome = cheetah.step(&action, &mut observation).unwrap();
-                assert!(!outcome.irreversible, "{pitch}: {observation:?}");
-            }
-        }
+        no_pose_at_counts_as_irreversible::<CliffCheetah>([5.0, 0.3], 100);
     }
 
     #[test]
     fn a_cheetah_on_its_back_at_the_origin_is_outside_the_reset_set() {
         let mut cheetah: CheetahRobot = make("()");
         let mut observation = [0.0; 18];
-        place(&mut cheetah, 0.0, 0.0, std::f64::consts::PI);
+        place(&mut cheetah, &[0.0, 0.0, std::f64::consts::PI]);
         for step in 0..60 {
             let outcome = cheetah.step(&[0.0; 6], &mut observation).unwrap();
             assert!(!outcome.in_reset_set, "{step}: {observation:?}");
@@ -151,21 +129,13 @@ mod tests {
         let mut cheetah: CheetahRobot = make("()");
         cheetah.reset(0, &mut [0.0; 18]).unwrap();
         let safe = value_of_staying(&mut cheetah);
-        place(&mut cheetah, 15.0, -1.9, 0.0);
+        place(&mut cheetah, &[15.0, -1.9]);
         let lost = value_of_staying(&mut cheetah);
         assert!(safe > 89.0 && lost == 0.0, "{safe} {lost}");
     }
 
     #[test]
     fn a_shorter_cliff_ends_sooner() {
-        for (config, falls) in [("()", false), ("(cliff_length: 3.0)", true)] {
-            let mut cheetah: CheetahRobot = make(config);
-            place(&mut cheetah, 4.0, 0.0, 0.0);
-            let outcome = (0..30).map(|_| cheetah.step(&[0.0; 6], &mut [0.0; 18]).unwrap()).last().unwrap();
-            assert_eq!(outcome.irreversible, falls, "{config}");
-        }
-        for config in ["(cliff_length: 0.4)", "(cliff_length: NaN)", "(cliff_length: inf)"] {
-            assert!(try_make::<CliffCheetah>(config).is_err(), "{config}");
-        }
+        a_shorter_cliff_ends_before::<CliffCheetah>([4.0, 0.0], 3.0, 30);
     }
 }

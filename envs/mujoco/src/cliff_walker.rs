@@ -1,16 +1,16 @@
 //! `mujoco/cliff-walker`: the planar walker of the paper's appendix, on a cliff of 6 m.
 
-use rand_pcg::Pcg64;
 use shield_api::{Result, StepOutcome};
 
+use crate::noise::Noise;
 use crate::picture::View;
 use crate::reward::pseudo_huber;
 use crate::scenery::{Cliff, check_cliff_length};
 use crate::simulation::Simulation;
-use crate::task::{Task, check_start_noise};
-use crate::walker2d::{self, Walker2d, add_noise};
+use crate::task::{Task, robot_config};
+use crate::walker2d::{self, Walker2d};
 
-shield_api::config! {
+robot_config! {
     /// Settings of the walker on the cliff.
     pub struct CliffWalkerConfig {
         /// Steps of an episode.
@@ -37,9 +37,7 @@ const PIT_HEIGHT: f64 = -4.0;
 const LOST_HEIGHT: f64 = -1.5;
 
 /// The task on the walker's model.
-pub struct CliffWalker {
-    config: CliffWalkerConfig,
-}
+pub struct CliffWalker;
 
 impl CliffWalker {
     /// Half for the speed, a quarter for standing, a quarter for small actions; in [0, 1].
@@ -52,36 +50,26 @@ impl CliffWalker {
 impl Task for CliffWalker {
     type Config = CliffWalkerConfig;
 
-    fn new(config: CliffWalkerConfig) -> Result<Self> {
-        check_start_noise(config.start_noise)?;
-        check_cliff_length(config.cliff_length)?;
-        Ok(Self { config })
+    fn check(config: &CliffWalkerConfig) -> Result<()> {
+        check_cliff_length(config.cliff_length)
     }
 
-    fn model(&self) -> String {
-        Cliff { edge: self.config.cliff_length, top: CLIFF_HEIGHT, bottom: PIT_HEIGHT }.under(walker2d::MODEL)
+    fn model(config: &CliffWalkerConfig) -> String {
+        Cliff { edge: config.cliff_length, top: CLIFF_HEIGHT, bottom: PIT_HEIGHT }.under(walker2d::MODEL)
     }
 
-    fn horizon(&self) -> usize {
-        self.config.horizon
+    fn place(_start: Option<&str>, noise: &mut Noise<'_>, positions: &mut [f64], velocities: &mut [f64]) {
+        walker2d::disturb(noise, positions, velocities);
     }
 
-    fn control_step(&self) -> usize {
-        self.config.control_step
-    }
-
-    fn place(&self, _start: Option<&str>, rng: &mut Pcg64, positions: &mut [f64], velocities: &mut [f64]) {
-        add_noise(self.config.start_noise, rng, positions, velocities);
-    }
-
-    fn observe(&self, simulation: &Simulation) -> impl Iterator<Item = f64> {
+    fn observe(simulation: &Simulation) -> impl Iterator<Item = f64> {
         walker2d::observe(simulation)
     }
 
-    fn outcome(&self, simulation: &Simulation) -> StepOutcome {
+    fn outcome(config: &CliffWalkerConfig, simulation: &Simulation) -> StepOutcome {
         let walker = Walker2d(simulation);
         let irreversible = walker.height() < LOST_HEIGHT;
-        let is_worthless = irreversible && !self.config.published_reward;
+        let is_worthless = irreversible && !config.published_reward;
         let reset_reward = if is_worthless { 0.0 } else { walker.reset_reward() };
         StepOutcome {
             forward_reward: Self::forward_reward(&walker) as f32,
@@ -93,7 +81,7 @@ impl Task for CliffWalker {
         }
     }
 
-    fn view(&self, simulation: &Simulation) -> View {
+    fn view(simulation: &Simulation) -> View {
         Walker2d(simulation).view()
     }
 }
@@ -103,18 +91,13 @@ mod tests {
     use shield_api::Environment;
 
     use super::*;
-    use crate::suite::{make, pseudo_random_actions, try_make, value_of_staying};
+    use crate::suite::{
+        a_shorter_cliff_ends_before, idle_step, make, no_pose_at_counts_as_irreversible, place,
+        pseudo_random_pushes, value_of_staying,
+    };
     use crate::task::Robot;
 
     type WalkerRobot = Robot<CliffWalker>;
-
-    fn place(walker: &mut WalkerRobot, x: f64, z: f64, pitch: f64) {
-        walker.simulation_mut().reset(|positions, _| positions[..3].copy_from_slice(&[x, z, pitch]));
-    }
-
-    fn idle_step(walker: &mut WalkerRobot) -> StepOutcome {
-        walker.step(&[0.0; 6], &mut [0.0; 18]).unwrap()
-    }
 
     #[test]
     fn nothing_leads_out_of_the_pit() {
@@ -122,9 +105,8 @@ mod tests {
         let mut observation = [0.0; 18];
         let mut highest = f32::NEG_INFINITY;
         for hold in [3, 10, 30] {
-            place(&mut walker, 7.0, -2.7, 0.0);
-            for action in pseudo_random_actions(6, 200) {
-                let action: Vec<f32> = action.iter().map(|value| value.signum()).collect();
+            place(&mut walker, &[7.0, -2.7]);
+            for action in pseudo_random_pushes(6, 200) {
                 for _ in 0..hold {
                     let outcome = walker.step(&action, &mut observation).unwrap();
                     highest = highest.max(observation[1]);
@@ -140,16 +122,15 @@ mod tests {
     fn a_walker_that_falls_off_the_cliff_cannot_hold_on_to_its_edge() {
         let mut walker: WalkerRobot = make("()");
         let mut lost = 0;
-        for (index, actions) in pseudo_random_actions(6, 400).chunks(20).enumerate() {
+        for (index, actions) in pseudo_random_pushes(6, 400).chunks(20).enumerate() {
             walker.simulation_mut().reset(|positions, velocities| {
                 positions[0] = 5.9;
                 velocities[0] = 0.2 * index as f64;
             });
             let mut is_lost = false;
             for action in actions {
-                let action: Vec<f32> = action.iter().map(|value| value.signum()).collect();
                 for _ in 0..10 {
-                    let outcome = walker.step(&action, &mut [0.0; 18]).unwrap();
+                    let outcome = walker.step(action, &mut [0.0; 18]).unwrap();
                     assert!(outcome.irreversible || !is_lost, "start {index}");
                     is_lost = outcome.irreversible;
                 }
@@ -161,20 +142,13 @@ mod tests {
 
     #[test]
     fn no_pose_on_the_cliff_counts_as_irreversible() {
-        let mut walker: WalkerRobot = make("()");
-        for pitch in [0.0, 1.5, 3.1, -1.5] {
-            place(&mut walker, 3.0, 1.5, pitch);
-            for action in pseudo_random_actions(6, 400) {
-                let outcome = walker.step(&action, &mut [0.0; 18]).unwrap();
-                assert!(!outcome.irreversible, "{pitch}");
-            }
-        }
+        no_pose_at_counts_as_irreversible::<CliffWalker>([3.0, 1.5], 400);
     }
 
     #[test]
     fn a_walker_that_lies_at_the_origin_is_outside_the_reset_set() {
         let mut walker: WalkerRobot = make("()");
-        place(&mut walker, 0.0, 0.3, 1.5);
+        place(&mut walker, &[0.0, 0.3, 1.5]);
         for _ in 0..200 {
             assert!(!idle_step(&mut walker).in_reset_set);
         }
@@ -189,11 +163,11 @@ mod tests {
         walker.reset(0, &mut [0.0; 18]).unwrap();
         // Standing takes skill, so the reward at the start stands for that of staying there.
         let safe = idle_step(&mut walker).reset_reward * 100.0;
-        place(&mut walker, 7.0, -2.7, 0.0);
+        place(&mut walker, &[7.0, -2.7]);
         let lost = value_of_staying(&mut walker);
         assert!(safe > 99.0 && lost == 0.0, "{safe} {lost}");
         // What is lying somewhere on the cliff is not lost.
-        place(&mut walker, 5.0, 0.3, -1.5);
+        place(&mut walker, &[5.0, 0.3, -1.5]);
         let lying = value_of_staying(&mut walker);
         assert!(lying > 20.0, "{lying}");
     }
@@ -201,7 +175,7 @@ mod tests {
     #[test]
     fn the_published_reward_values_the_pit_above_a_threshold_of_10() {
         let mut walker: WalkerRobot = make("(published_reward: true)");
-        place(&mut walker, 7.0, -2.7, 0.0);
+        place(&mut walker, &[7.0, -2.7]);
         let lost = value_of_staying(&mut walker);
         assert!((20.0..22.0).contains(&lost), "{lost}");
     }
@@ -220,12 +194,6 @@ mod tests {
 
     #[test]
     fn a_shorter_cliff_ends_sooner() {
-        for (config, falls) in [("()", false), ("(cliff_length: 2.0)", true)] {
-            let mut walker: WalkerRobot = make(config);
-            place(&mut walker, 3.0, 1.25, 0.0);
-            let outcome = (0..200).map(|_| idle_step(&mut walker)).last().unwrap();
-            assert_eq!(outcome.irreversible, falls, "{config}");
-        }
-        assert!(try_make::<CliffWalker>("(cliff_length: 0.4)").is_err());
+        a_shorter_cliff_ends_before::<CliffWalker>([3.0, 1.25], 2.0, 200);
     }
 }

@@ -1,15 +1,15 @@
 //! `mujoco/half-cheetah`: the half-cheetah on a plane with Gymnasium's reward, to judge learners by.
 
-use rand_pcg::Pcg64;
-use shield_api::{Result, StepOutcome};
+use shield_api::StepOutcome;
 
-use crate::cheetah::{self, Cheetah, add_noise};
+use crate::cheetah::{self, Cheetah};
+use crate::noise::Noise;
 use crate::picture::View;
 use crate::scenery::on_plane;
 use crate::simulation::Simulation;
-use crate::task::{Task, check_start_noise};
+use crate::task::{Task, robot_config};
 
-shield_api::config! {
+robot_config! {
     /// Settings of the half-cheetah; the defaults are those of Gymnasium's HalfCheetah-v5.
     pub struct HalfCheetahConfig {
         /// Steps of an episode.
@@ -25,42 +25,27 @@ shield_api::config! {
 const CONTROL_COST: f64 = 0.1;
 
 /// The task on the cheetah's model.
-pub struct HalfCheetah {
-    config: HalfCheetahConfig,
-}
+pub struct HalfCheetah;
 
 impl Task for HalfCheetah {
     type Config = HalfCheetahConfig;
 
-    fn new(config: HalfCheetahConfig) -> Result<Self> {
-        check_start_noise(config.start_noise)?;
-        Ok(Self { config })
-    }
-
-    fn model(&self) -> String {
+    fn model(_config: &HalfCheetahConfig) -> String {
         on_plane(cheetah::MODEL)
     }
 
-    fn horizon(&self) -> usize {
-        self.config.horizon
-    }
-
-    fn control_step(&self) -> usize {
-        self.config.control_step
-    }
-
-    fn place(&self, _start: Option<&str>, rng: &mut Pcg64, positions: &mut [f64], velocities: &mut [f64]) {
-        add_noise(self.config.start_noise, rng, positions, velocities);
+    fn place(_start: Option<&str>, noise: &mut Noise<'_>, positions: &mut [f64], velocities: &mut [f64]) {
+        cheetah::disturb(noise, positions, velocities);
     }
 
     /// Without x, on which the reward does not depend.
-    fn observe(&self, simulation: &Simulation) -> impl Iterator<Item = f64> {
+    fn observe(simulation: &Simulation) -> impl Iterator<Item = f64> {
         simulation.positions()[1..].iter().chain(simulation.velocities()).copied()
     }
 
-    fn outcome(&self, simulation: &Simulation) -> StepOutcome {
+    fn outcome(config: &HalfCheetahConfig, simulation: &Simulation) -> StepOutcome {
         let cheetah = Cheetah(simulation);
-        let forward = simulation.mean_speed(self.config.control_step);
+        let forward = simulation.mean_speed(config.control_step);
         StepOutcome {
             forward_reward: (forward - CONTROL_COST * simulation.squared_control()) as f32,
             reset_reward: cheetah.reset_reward() as f32,
@@ -69,7 +54,7 @@ impl Task for HalfCheetah {
         }
     }
 
-    fn view(&self, simulation: &Simulation) -> View {
+    fn view(simulation: &Simulation) -> View {
         Cheetah(simulation).view()
     }
 }

@@ -1,15 +1,14 @@
 //! `mujoco/inverted-pendulum`: a pole on a cart with Gymnasium's reward, to judge learners by.
 
-use rand::RngExt;
-use rand_pcg::Pcg64;
-use shield_api::{Result, StepOutcome};
+use shield_api::StepOutcome;
 
+use crate::noise::Noise;
 use crate::picture::View;
 use crate::reward::tolerance;
 use crate::simulation::Simulation;
-use crate::task::{Task, check_start_noise};
+use crate::task::{Task, robot_config};
 
-shield_api::config! {
+robot_config! {
     /// Settings of the pendulum; the defaults are those of Gymnasium's InvertedPendulum-v5.
     pub struct InvertedPendulumConfig {
         /// Steps of an episode, unless the pole falls.
@@ -47,38 +46,22 @@ impl Pendulum<'_> {
 }
 
 /// The task on the pendulum's model.
-pub struct InvertedPendulum {
-    config: InvertedPendulumConfig,
-}
+pub struct InvertedPendulum;
 
 impl Task for InvertedPendulum {
     type Config = InvertedPendulumConfig;
 
-    fn new(config: InvertedPendulumConfig) -> Result<Self> {
-        check_start_noise(config.start_noise)?;
-        Ok(Self { config })
-    }
-
-    fn model(&self) -> String {
+    fn model(_config: &InvertedPendulumConfig) -> String {
         include_str!("inverted_pendulum.xml").to_owned()
     }
 
-    fn horizon(&self) -> usize {
-        self.config.horizon
-    }
-
-    fn control_step(&self) -> usize {
-        self.config.control_step
-    }
-
-    fn place(&self, _start: Option<&str>, rng: &mut Pcg64, positions: &mut [f64], velocities: &mut [f64]) {
-        let noise = self.config.start_noise;
+    fn place(_start: Option<&str>, noise: &mut Noise<'_>, positions: &mut [f64], velocities: &mut [f64]) {
         for value in positions.iter_mut().chain(velocities) {
-            *value = rng.random_range(-noise..=noise);
+            *value = noise.uniform();
         }
     }
 
-    fn outcome(&self, simulation: &Simulation) -> StepOutcome {
+    fn outcome(_config: &InvertedPendulumConfig, simulation: &Simulation) -> StepOutcome {
         let pendulum = Pendulum(simulation);
         let is_upright = pendulum.is_upright();
         let reset_reward = pendulum.reset_reward();
@@ -92,7 +75,7 @@ impl Task for InvertedPendulum {
         }
     }
 
-    fn view(&self, _simulation: &Simulation) -> View {
+    fn view(_simulation: &Simulation) -> View {
         View::from_the_side([0.0, 0.0, 0.2], 2.5)
     }
 }

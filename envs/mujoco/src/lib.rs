@@ -8,6 +8,7 @@ mod cliff_cheetah;
 mod cliff_walker;
 mod half_cheetah;
 mod inverted_pendulum;
+mod noise;
 mod peg_insertion;
 mod picture;
 mod pusher;

@@ -9,7 +9,7 @@ use shield_api::PluginConfig;
 use crate::scenery::on_stage;
 use crate::simulation::Simulation;
 use crate::suite::pseudo_random_actions;
-use crate::task::Task;
+use crate::task::{RobotConfig, Task};
 use crate::{
     ball_in_cup::BallInCup, cliff_cheetah::CliffCheetah, cliff_walker::CliffWalker,
     half_cheetah::HalfCheetah, inverted_pendulum::InvertedPendulum, walker::Walker,
@@ -44,9 +44,9 @@ fn free_motion(simulation: &mut Simulation, substeps: usize) -> String {
 
 /// Writes model and motion too, if a folder is named.
 fn check<T: Task>(name: &str) {
-    let task = T::new(T::Config::parse("()").unwrap()).unwrap();
-    let model = task.model().replace("</mujoco>", WEIGHTLESS);
-    let motion = || free_motion(&mut Simulation::new(&model).unwrap(), task.control_step());
+    let config = T::Config::parse("()").unwrap();
+    let model = T::model(&config).replace("</mujoco>", WEIGHTLESS);
+    let motion = || free_motion(&mut Simulation::new(&model).unwrap(), config.control_step());
     let lines = motion();
     assert_eq!(lines, motion(), "{name}");
     assert!(

@@ -1,14 +1,13 @@
 //! `mujoco/peg-insertion`: an arm that pulls a peg out of a hole; putting it back is the reset (paper, section 6.6).
 
-use rand::RngExt;
-use rand_pcg::Pcg64;
-use shield_api::{Result, StepOutcome};
+use shield_api::StepOutcome;
 
+use crate::noise::Noise;
 use crate::picture::View;
 use crate::simulation::Simulation;
-use crate::task::{Task, check_start_noise};
+use crate::task::{Task, robot_config};
 
-shield_api::config! {
+robot_config! {
     /// Settings of the peg insertion.
     pub struct PegInsertionConfig {
         /// Steps of an episode.
@@ -78,9 +77,7 @@ fn nearness(distance: f64) -> f64 {
 }
 
 /// The task on the arm's model.
-pub struct PegInsertion {
-    config: PegInsertionConfig,
-}
+pub struct PegInsertion;
 
 impl Task for PegInsertion {
     type Config = PegInsertionConfig;
@@ -88,34 +85,20 @@ impl Task for PegInsertion {
     /// `hole` is the usual one.
     const STARTS: &'static [&'static str] = &["hole", "above"];
 
-    fn new(config: PegInsertionConfig) -> Result<Self> {
-        check_start_noise(config.start_noise)?;
-        Ok(Self { config })
-    }
-
-    fn model(&self) -> String {
+    fn model(_config: &PegInsertionConfig) -> String {
         include_str!("peg_insertion.xml").to_owned()
     }
 
-    fn horizon(&self) -> usize {
-        self.config.horizon
-    }
-
-    fn control_step(&self) -> usize {
-        self.config.control_step
-    }
-
-    fn place(&self, start: Option<&str>, rng: &mut Pcg64, positions: &mut [f64], velocities: &mut [f64]) {
+    fn place(start: Option<&str>, noise: &mut Noise<'_>, positions: &mut [f64], velocities: &mut [f64]) {
         positions.copy_from_slice(if start == Some("above") { &ABOVE } else { &HOLE });
-        let noise = self.config.start_noise;
-        velocities.fill_with(|| rng.random_range(-noise..=noise));
+        velocities.fill_with(|| noise.uniform());
     }
 
-    fn outcome(&self, simulation: &Simulation) -> StepOutcome {
+    fn outcome(config: &PegInsertionConfig, simulation: &Simulation) -> StepOutcome {
         let peg = Peg(simulation);
         StepOutcome {
             forward_reward: peg.remove_reward() as f32,
-            reset_reward: peg.insert_reward(self.config.sparse) as f32,
+            reset_reward: peg.insert_reward(config.sparse) as f32,
             in_reset_set: peg.is_inserted(),
             terminated: false,
             success: peg.distance(&REMOVED) < 0.1,
@@ -124,7 +107,7 @@ impl Task for PegInsertion {
         }
     }
 
-    fn view(&self, _simulation: &Simulation) -> View {
+    fn view(_simulation: &Simulation) -> View {
         View { target: [0.0, 0.15, -0.25], distance: 1.6, azimuth: 215.0, elevation: -35.0 }
     }
 }
@@ -134,7 +117,7 @@ mod tests {
     use shield_api::Environment;
 
     use super::*;
-    use crate::suite::{make, pseudo_random_actions, value_of_staying};
+    use crate::suite::{idle_step, make, place, pseudo_random_actions, value_of_staying};
     use crate::task::Robot;
 
     type Arm = Robot<PegInsertion>;
@@ -142,10 +125,6 @@ mod tests {
     /// Joint angles with the peg upright, its bottom 0.02 above the hole's mouth, then half-way down into the hole.
     const OVER_MOUTH: [f64; 7] = [0.546, 0.3205, -2.0014, -1.7753, 0.2227, -0.5169, 0.856];
     const HALF_WAY: [f64; 7] = [0.5368, 0.4451, -2.0472, -1.6749, 0.1835, -0.5417, 0.7791];
-
-    fn idle_step(arm: &mut Arm) -> StepOutcome {
-        arm.step(&[0.0; 7], &mut [0.0; 14]).unwrap()
-    }
 
     fn start(arm: &mut Arm, start: &str) {
         arm.reset_to(start, 0, &mut [0.0; 14]).unwrap();
@@ -223,7 +202,7 @@ mod tests {
             let safe = value_of_staying(&mut arm);
             start(&mut arm, "above");
             let stuck = value_of_staying(&mut arm);
-            arm.simulation_mut().reset(|positions, _| positions.copy_from_slice(&OVER_MOUTH));
+            place(&mut arm, &OVER_MOUTH);
             let nearly = value_of_staying(&mut arm);
             assert!(safe > q_min + 30.0, "{config}: {safe}");
             assert!(
@@ -253,7 +232,7 @@ mod tests {
     fn stiff_joints_lead_the_peg_back_into_the_hole() {
         let mut arm: Arm = make("()");
         let mut observation = [0.0; 14];
-        arm.simulation_mut().reset(|positions, _| positions.copy_from_slice(&OVER_MOUTH));
+        place(&mut arm, &OVER_MOUTH);
         for (seen, angle) in observation.iter_mut().zip(OVER_MOUTH) {
             *seen = angle as f32;
         }

@@ -1,15 +1,14 @@
 //! `mujoco/pusher`: an arm that must push a puck to a goal without losing it (paper, section 6).
 
-use rand::RngExt;
-use rand_pcg::Pcg64;
 use shield_api::{Error, Result, StepOutcome};
 
+use crate::noise::Noise;
 use crate::picture::View;
 use crate::reward::huber_closeness;
 use crate::simulation::Simulation;
-use crate::task::{Task, check_start_noise};
+use crate::task::{Task, robot_config};
 
-shield_api::config! {
+robot_config! {
     /// Settings of the pusher.
     pub struct PusherConfig {
         /// Steps of an episode.
@@ -80,56 +79,44 @@ fn distance(a: [f64; 3], b: [f64; 3]) -> f64 {
 }
 
 /// The task on the pusher's model.
-pub struct Pusher {
-    config: PusherConfig,
-}
+pub struct Pusher;
 
 impl Task for Pusher {
     type Config = PusherConfig;
 
-    fn new(config: PusherConfig) -> Result<Self> {
-        check_start_noise(config.start_noise)?;
+    fn check(config: &PusherConfig) -> Result<()> {
         if config.reset_distance.is_nan() || config.reset_distance <= 0.0 {
             let value = config.reset_distance;
             let message = format!("reset_distance is {value}; it must be positive");
             return Err(Error::invalid_config(message).in_field("reset_distance"));
         }
-        Ok(Self { config })
+        Ok(())
     }
 
-    fn model(&self) -> String {
+    fn model(_config: &PusherConfig) -> String {
         include_str!("pusher.xml").to_owned()
     }
 
-    fn horizon(&self) -> usize {
-        self.config.horizon
-    }
-
-    fn control_step(&self) -> usize {
-        self.config.control_step
-    }
-
-    fn place(&self, _start: Option<&str>, rng: &mut Pcg64, positions: &mut [f64], velocities: &mut [f64]) {
-        let noise = self.config.start_noise;
+    fn place(_start: Option<&str>, noise: &mut Noise<'_>, positions: &mut [f64], velocities: &mut [f64]) {
         for position in &mut positions[3..5] {
-            *position = rng.random_range(-noise..=noise);
+            *position = noise.uniform();
         }
         for velocity in &mut velocities[..3] {
-            *velocity = 0.1 * rng.random_range(-noise..=noise);
+            *velocity = 0.1 * noise.uniform();
         }
     }
 
     /// Angles, the puck's displacement from its start, the arm's speeds, and where the fingertips are.
-    fn observe(&self, simulation: &Simulation) -> impl Iterator<Item = f64> {
+    fn observe(simulation: &Simulation) -> impl Iterator<Item = f64> {
         let fingertip = Scene(simulation).fingertip();
         let (positions, velocities) = (&simulation.positions()[..5], &simulation.velocities()[..3]);
         positions.iter().chain(velocities).copied().chain([fingertip[0], fingertip[1]])
     }
 
-    fn outcome(&self, simulation: &Simulation) -> StepOutcome {
+    fn outcome(config: &PusherConfig, simulation: &Simulation) -> StepOutcome {
         let scene = Scene(simulation);
         let irreversible = scene.is_puck_lost();
-        let is_worthless = irreversible && !self.config.published_reward;
+        let is_worthless = irreversible && !config.published_reward;
         let reset_reward = if is_worthless { 0.0 } else { scene.reward(START) };
         let [puck_x, puck_y, _] = scene.puck();
         StepOutcome {
@@ -137,14 +124,14 @@ impl Task for Pusher {
             reset_reward: reset_reward as f32,
             in_reset_set: reset_reward > 0.7
                 && !irreversible
-                && distance(scene.puck(), START) <= self.config.reset_distance,
+                && distance(scene.puck(), START) <= config.reset_distance,
             terminated: false,
             success: !irreversible && (puck_x - GOAL[0]).hypot(puck_y - GOAL[1]) < 0.08,
             irreversible,
         }
     }
 
-    fn view(&self, _simulation: &Simulation) -> View {
+    fn view(_simulation: &Simulation) -> View {
         // From beyond the table, so that the arm hides neither puck nor goal.
         View { target: [0.0, -0.3, -0.3], distance: 1.7, azimuth: 270.0, elevation: -50.0 }
     }
@@ -155,7 +142,7 @@ mod tests {
     use shield_api::Environment;
 
     use super::*;
-    use crate::suite::{make, pseudo_random_actions, try_make, value_of_staying};
+    use crate::suite::{idle_step, make, pseudo_random_pushes, try_make, value_of_staying};
     use crate::task::Robot;
 
     type PusherRobot = Robot<Pusher>;
@@ -170,10 +157,6 @@ mod tests {
             positions[3] = puck[0] - START[0];
             positions[4] = puck[1] - START[1];
         });
-    }
-
-    fn idle_step(pusher: &mut PusherRobot) -> StepOutcome {
-        pusher.step(&[0.0; 3], &mut [0.0; 10]).unwrap()
     }
 
     #[test]
@@ -216,8 +199,8 @@ mod tests {
         for seed in 0..60 {
             pusher.reset(seed, &mut [0.0; 10]).unwrap();
             let mut is_lost = false;
-            for action in pseudo_random_actions(3, 30 * (seed as usize + 1)).split_off(30 * seed as usize) {
-                let action: Vec<f32> = action.iter().map(|value| 2.0 * value.signum()).collect();
+            for push in pseudo_random_pushes(3, 30 * (seed as usize + 1)).split_off(30 * seed as usize) {
+                let action: Vec<f32> = push.iter().map(|value| 2.0 * value).collect();
                 for _ in 0..10 {
                     let outcome = pusher.step(&action, &mut [0.0; 10]).unwrap();
                     is_lost |= outcome.irreversible;

@@ -7,61 +7,97 @@ use shield_api::{
     Space, Spaces, StepOutcome, check_length,
 };
 
+use crate::noise::Noise;
 use crate::picture::View;
 use crate::simulation::Simulation;
 
-/// A robot's task: where it starts, what it sees, what is rewarded, what counts as reset and what cannot be undone. The
-/// physics is the model's alone.
-pub trait Task: Send + Sized + 'static {
-    /// The plugin's configuration.
-    type Config: PluginConfig;
-
-    /// Names of the starts beside the usual one.
-    const STARTS: &'static [&'static str] = &[];
-
-    /// Checks the configuration.
-    ///
-    /// # Errors
-    /// A value that cannot be.
-    fn new(config: Self::Config) -> Result<Self>;
-
-    /// The model in MuJoCo's XML.
-    fn model(&self) -> String;
-
+/// A robot's configuration. [`robot_config!`] declares one.
+pub trait RobotConfig: PluginConfig + Send + 'static {
     /// Steps of an episode.
     fn horizon(&self) -> usize;
 
     /// How many time steps of the model one action is held.
     fn control_step(&self) -> usize;
 
+    /// The size of the noise in the initial state.
+    fn start_noise(&self) -> f64;
+}
+
+/// Declares a robot's configuration as [`shield_api::config!`] does. Among its fields are `horizon`, `start_noise` and `control_step`,
+/// whose defaults and units are the robot's own.
+macro_rules! robot_config {
+    ($(#[$attribute:meta])* pub struct $name:ident { $($fields:tt)* }) => {
+        shield_api::config! {
+            $(#[$attribute])*
+            pub struct $name { $($fields)* }
+        }
+
+        impl crate::task::RobotConfig for $name {
+            fn horizon(&self) -> usize {
+                self.horizon
+            }
+
+            fn control_step(&self) -> usize {
+                self.control_step
+            }
+
+            fn start_noise(&self) -> f64 {
+                self.start_noise
+            }
+        }
+    };
+}
+
+pub(crate) use robot_config;
+
+/// A robot's task: where it starts, what it sees, what is rewarded, what counts as reset and what cannot be undone. The
+/// physics is the model's alone. A task has no state: everything follows from configuration and simulation.
+pub trait Task: Send + Sized + 'static {
+    /// The plugin's configuration.
+    type Config: RobotConfig;
+
+    /// Names of the starts beside the usual one.
+    const STARTS: &'static [&'static str] = &[];
+
+    /// Checks the fields that the other robots do not have.
+    ///
+    /// # Errors
+    /// A value that cannot be.
+    fn check(_config: &Self::Config) -> Result<()> {
+        Ok(())
+    }
+
+    /// The model in MuJoCo's XML.
+    fn model(config: &Self::Config) -> String;
+
     /// Alters the default pose at rest into an initial state; `start` is one of [`STARTS`](Self::STARTS) or `None`.
-    fn place(&self, start: Option<&str>, rng: &mut Pcg64, positions: &mut [f64], velocities: &mut [f64]);
+    fn place(start: Option<&str>, noise: &mut Noise<'_>, positions: &mut [f64], velocities: &mut [f64]);
 
     /// What the agents see; by default the positions, then the velocities.
-    fn observe(&self, simulation: &Simulation) -> impl Iterator<Item = f64> {
+    fn observe(simulation: &Simulation) -> impl Iterator<Item = f64> {
         simulation.positions().iter().chain(simulation.velocities()).copied()
     }
 
     /// Rewards and flags of the state that an action led to.
-    fn outcome(&self, simulation: &Simulation) -> StepOutcome;
+    fn outcome(config: &Self::Config, simulation: &Simulation) -> StepOutcome;
 
     /// Names and costs of the kinds of hard resets, where they differ.
-    fn reset_kinds(&self) -> Vec<(&'static str, f64)> {
+    fn reset_kinds(_config: &Self::Config) -> Vec<(&'static str, f64)> {
         Vec::new()
     }
 
     /// Which of them a hard reset from the present state would be.
-    fn reset_kind(&self, _simulation: &Simulation) -> usize {
+    fn reset_kind(_simulation: &Simulation) -> usize {
         0
     }
 
     /// Where a picture of the present state is taken from.
-    fn view(&self, simulation: &Simulation) -> View;
+    fn view(simulation: &Simulation) -> View;
 }
 
 /// The environment of a task.
-pub struct Robot<T> {
-    task: T,
+pub struct Robot<T: Task> {
+    config: T::Config,
     simulation: Simulation,
     observation_len: usize,
     /// What every saved state begins with, so that it is not taken for a state of another model.
@@ -76,7 +112,7 @@ impl<T: Task> Robot<T> {
     }
 
     fn observe(&self, observation: &mut [f32]) {
-        for (seen, value) in observation.iter_mut().zip(self.task.observe(&self.simulation)) {
+        for (seen, value) in observation.iter_mut().zip(T::observe(&self.simulation)) {
             *seen = value as f32;
         }
     }
@@ -84,8 +120,8 @@ impl<T: Task> Robot<T> {
     fn start(&mut self, start: Option<&str>, seed: u64, observation: &mut [f32]) -> Result<()> {
         check_length("observation", observation, self.observation_len)?;
         let mut rng = Pcg64::seed_from_u64(seed);
-        let task = &self.task;
-        self.simulation.reset(|positions, velocities| task.place(start, &mut rng, positions, velocities));
+        let mut noise = Noise::new(self.config.start_noise(), &mut rng);
+        self.simulation.reset(|positions, velocities| T::place(start, &mut noise, positions, velocities));
         self.observe(observation);
         Ok(())
     }
@@ -95,19 +131,20 @@ impl<T: Task> Plugin for Robot<T> {
     type Config = T::Config;
 
     fn create(config: T::Config, _setup: &Setup) -> Result<Self> {
-        let task = T::new(config)?;
-        if task.horizon() == 0 {
+        check_start_noise(config.start_noise())?;
+        T::check(&config)?;
+        if config.horizon() == 0 {
             let message = "horizon is 0; an episode has at least 1 step";
             return Err(Error::invalid_config(message).in_field("horizon"));
         }
-        if task.control_step() == 0 {
+        if config.control_step() == 0 {
             let message = "control_step is 0; an action is held for at least 1 step of the model";
             return Err(Error::invalid_config(message).in_field("control_step"));
         }
-        let model = task.model();
+        let model = T::model(&config);
         let simulation = Simulation::new(&model)?;
-        let observation_len = task.observe(&simulation).count();
-        Ok(Self { task, simulation, observation_len, save_header: save_header(&model) })
+        let observation_len = T::observe(&simulation).count();
+        Ok(Self { config, simulation, observation_len, save_header: save_header(&model) })
     }
 }
 
@@ -133,7 +170,7 @@ impl<T: Task> Environment for Robot<T> {
                 observation: Space::unbounded(self.observation_len),
                 action: self.simulation.action_space(),
             },
-            episode_length: self.task.horizon(),
+            episode_length: self.config.horizon(),
             brings_reset_reward: true,
         }
     }
@@ -144,9 +181,9 @@ impl<T: Task> Environment for Robot<T> {
 
     fn step(&mut self, action: &[f32], observation: &mut [f32]) -> Result<StepOutcome> {
         check_length("observation", observation, self.observation_len)?;
-        self.simulation.advance(action, self.task.control_step())?;
+        self.simulation.advance(action, self.config.control_step())?;
         self.observe(observation);
-        Ok(self.task.outcome(&self.simulation))
+        Ok(T::outcome(&self.config, &self.simulation))
     }
 
     fn starts(&self) -> Vec<String> {
@@ -164,16 +201,16 @@ impl<T: Task> Environment for Robot<T> {
     }
 
     fn reset_kinds(&self) -> Vec<ResetKind> {
-        let kinds = self.task.reset_kinds().into_iter();
+        let kinds = T::reset_kinds(&self.config).into_iter();
         kinds.map(|(name, cost)| ResetKind { name: name.into(), cost }).collect()
     }
 
     fn reset_kind(&self) -> Result<usize> {
-        Ok(self.task.reset_kind(&self.simulation))
+        Ok(T::reset_kind(&self.simulation))
     }
 
     fn render(&mut self, frame: &mut Frame<'_>) -> Result<()> {
-        let view = self.task.view(&self.simulation);
+        let view = T::view(&self.simulation);
         self.simulation.draw(view, frame)
     }
 }
@@ -202,7 +239,7 @@ const MOST_START_NOISE: f64 = 100.0;
 ///
 /// # Errors
 /// [`ErrorKind::InvalidConfig`](shield_api::ErrorKind::InvalidConfig), naming the value.
-pub fn check_start_noise(noise: f64) -> Result<()> {
+fn check_start_noise(noise: f64) -> Result<()> {
     let is_valid = (0.0..=MOST_START_NOISE).contains(&noise);
     if is_valid {
         Ok(())

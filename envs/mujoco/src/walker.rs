@@ -1,15 +1,15 @@
 //! `mujoco/walker`: the planar walker on a plane with Gymnasium's reward, to judge learners by.
 
-use rand_pcg::Pcg64;
-use shield_api::{Result, StepOutcome};
+use shield_api::StepOutcome;
 
+use crate::noise::Noise;
 use crate::picture::View;
 use crate::scenery::on_plane;
 use crate::simulation::Simulation;
-use crate::task::{Task, check_start_noise};
-use crate::walker2d::{self, Walker2d, add_noise};
+use crate::task::{Task, robot_config};
+use crate::walker2d::{self, Walker2d};
 
-shield_api::config! {
+robot_config! {
     /// Settings of the walker; the defaults are those of Gymnasium's Walker2d-v5.
     pub struct WalkerConfig {
         /// Steps of an episode, unless the walker falls.
@@ -25,43 +25,28 @@ shield_api::config! {
 const CONTROL_COST: f64 = 1e-3;
 
 /// The task on the walker's model.
-pub struct Walker {
-    config: WalkerConfig,
-}
+pub struct Walker;
 
 impl Task for Walker {
     type Config = WalkerConfig;
 
-    fn new(config: WalkerConfig) -> Result<Self> {
-        check_start_noise(config.start_noise)?;
-        Ok(Self { config })
-    }
-
-    fn model(&self) -> String {
+    fn model(_config: &WalkerConfig) -> String {
         on_plane(walker2d::MODEL)
     }
 
-    fn horizon(&self) -> usize {
-        self.config.horizon
-    }
-
-    fn control_step(&self) -> usize {
-        self.config.control_step
-    }
-
-    fn place(&self, _start: Option<&str>, rng: &mut Pcg64, positions: &mut [f64], velocities: &mut [f64]) {
-        add_noise(self.config.start_noise, rng, positions, velocities);
+    fn place(_start: Option<&str>, noise: &mut Noise<'_>, positions: &mut [f64], velocities: &mut [f64]) {
+        walker2d::disturb(noise, positions, velocities);
     }
 
     /// Without x, on which the reward does not depend.
-    fn observe(&self, simulation: &Simulation) -> impl Iterator<Item = f64> {
+    fn observe(simulation: &Simulation) -> impl Iterator<Item = f64> {
         walker2d::observe(simulation).skip(1)
     }
 
-    fn outcome(&self, simulation: &Simulation) -> StepOutcome {
+    fn outcome(config: &WalkerConfig, simulation: &Simulation) -> StepOutcome {
         let walker = Walker2d(simulation);
         let healthy = if walker.stands() { 1.0 } else { 0.0 };
-        let forward = simulation.mean_speed(self.config.control_step);
+        let forward = simulation.mean_speed(config.control_step);
         StepOutcome {
             forward_reward: (healthy + forward - CONTROL_COST * simulation.squared_control()) as f32,
             reset_reward: walker.reset_reward() as f32,
@@ -71,7 +56,7 @@ impl Task for Walker {
         }
     }
 
-    fn view(&self, simulation: &Simulation) -> View {
+    fn view(simulation: &Simulation) -> View {
         Walker2d(simulation).view()
     }
 }

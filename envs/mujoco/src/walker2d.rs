@@ -1,8 +1,6 @@
 //! The planar walker: its model and its quantities, for the tasks that it has.
 
-use rand::RngExt;
-use rand_pcg::Pcg64;
-
+use crate::noise::Noise;
 use crate::picture::View;
 use crate::reward::wrapped;
 use crate::simulation::Simulation;
@@ -70,11 +68,9 @@ impl Walker2d<'_> {
     }
 }
 
-/// Adds uniform noise of ± `noise` to positions and velocities.
-pub fn add_noise(noise: f64, rng: &mut Pcg64, positions: &mut [f64], velocities: &mut [f64]) {
-    for value in positions.iter_mut().chain(velocities) {
-        *value += rng.random_range(-noise..=noise);
-    }
+/// Adds uniform noise to positions and velocities.
+pub fn disturb(noise: &mut Noise<'_>, positions: &mut [f64], velocities: &mut [f64]) {
+    positions.iter_mut().chain(velocities).for_each(|value| *value += noise.uniform());
 }
 
 /// Positions, then velocities clipped to ±10 as Gymnasium's are.

@@ -5,9 +5,8 @@ use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
 
 use crate::{
-    ActionScale, Activation, Adam, Architecture, CriticStep, Ensemble, EnsembleState, Error, Initialisation,
-    Noise, NoiseProcess, Normaliser, Schedule, body::Body, check_finite_output, checks::check_length,
-    read_state, write_state, write_tensors,
+    ActionScale, Activation, Adam, AgentState, Architecture, CriticStep, Ensemble, Error, Initialisation,
+    NoiseProcess, Schedule, body::Body, check_finite_output, checks::check_length, write_tensors,
 };
 
 /// How an [`Agent`]'s critics value one (s, a).
@@ -89,24 +88,6 @@ pub struct PolicyStep {
     pub critic: CriticStep,
     /// ∂Q/∂a at the policy's actions.
     pub action_gradients: Vec<f32>,
-}
-
-#[derive(Serialize)]
-struct StateView<'a> {
-    actor: &'a EnsembleState<f32>,
-    critics: &'a EnsembleState<f32>,
-    noise: &'a Noise,
-    normaliser: &'a Option<Normaliser>,
-    rng: &'a Pcg64,
-}
-
-#[derive(Deserialize)]
-struct State {
-    actor: EnsembleState<f32>,
-    critics: EnsembleState<f32>,
-    noise: Noise,
-    normaliser: Option<Normaliser>,
-    rng: Pcg64,
 }
 
 impl Agent {
@@ -289,14 +270,7 @@ impl Agent {
     /// # Errors
     /// [`Error::ForeignState`] if it cannot be written.
     pub fn save(&self, magic: &[u8], bytes: &mut Vec<u8>) -> Result<(), Error> {
-        let view = StateView {
-            actor: self.actor.state(),
-            critics: self.critics.state(),
-            noise: &self.body.noise,
-            normaliser: &self.body.normaliser,
-            rng: &self.body.rng,
-        };
-        write_state(magic, &view, bytes)
+        self.body.save(magic, self.actor.state(), self.critics.state(), bytes)
     }
 
     /// Continues from what [`save`](Self::save) wrote.
@@ -304,17 +278,11 @@ impl Agent {
     /// # Errors
     /// Anything that is not the state of such an agent; nothing has changed then.
     pub fn load(&mut self, magic: &[u8], bytes: &[u8]) -> Result<(), Error> {
-        let state: State = read_state(magic, bytes)?;
-        if state.noise.dimensions() != self.body.noise.dimensions() {
-            return Err(Error::ForeignState("its noise has another number of dimensions".into()));
-        }
-        Normaliser::check_alike(self.body.normaliser.as_ref(), state.normaliser.as_ref())?;
-        self.actor.check_state(&state.actor)?;
-        self.critics.restore(state.critics)?;
-        self.actor.restore(state.actor)?;
-        self.body.noise.continue_from(state.noise);
-        self.body.normaliser = state.normaliser;
-        self.body.rng = state.rng;
+        let AgentState { actor, critics, body } = self.body.read(magic, bytes)?;
+        self.actor.check_state(&actor)?;
+        self.critics.restore(critics.into_owned())?;
+        self.actor.restore(actor.into_owned())?;
+        self.body.restore(body);
         Ok(())
     }
 }

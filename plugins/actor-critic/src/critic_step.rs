@@ -1,6 +1,6 @@
 //! What one critic, or one group of them, needs and returns in an update.
 
-use crate::Error;
+use crate::{Buffers, Error, Loss, Member};
 
 /// The part that every kind of critic has in common. Kept between updates, so that nothing is allocated after the first.
 #[derive(Debug, Clone, Default)]
@@ -41,5 +41,26 @@ impl CriticStep {
             (loss + f64::from(step.loss), value + f64::from(step.mean_value))
         });
         (loss / count, value / count)
+    }
+}
+
+impl Member<'_, f32> {
+    /// Forms the gradient of the mean loss between a critic's values of the batch and `targets`, where each row counts with its weight.
+    /// Returns that loss and the mean value.
+    pub fn fit(&mut self, batch: &Buffers, targets: &[f32], weights: &[f32], loss: Loss) -> (f32, f32) {
+        self.observe(&batch.observations);
+        let mean_value = self.values(&batch.actions).iter().sum::<f32>() / targets.len() as f32;
+        let (values, gradients) = self.outputs();
+        let loss = loss.evaluate(values, targets, weights, gradients);
+        self.backward(&batch.observations, &batch.actions);
+        (loss, mean_value)
+    }
+
+    /// Writes ∂Q/∂a of a critic at the batch's π(s). To be called after [`fit`](Self::fit), with which it shares what only the observations
+    /// decide, and before the critic's step.
+    pub fn policy_gradients(&mut self, batch: &Buffers, gradients: &mut Vec<f32>) {
+        self.values(&batch.policy_actions);
+        gradients.resize(batch.policy_actions.len(), 0.0);
+        self.action_gradients(gradients);
     }
 }

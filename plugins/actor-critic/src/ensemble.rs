@@ -15,11 +15,34 @@ use crate::{
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(bound = "")]
 pub struct EnsembleState<T: Real> {
-    weights: Vec<T>,
-    targets: Vec<T>,
-    first_moments: Vec<T>,
-    second_moments: Vec<T>,
-    steps: u64,
+    /// The networks' weights.
+    pub weights: Vec<T>,
+    /// Those of the target networks.
+    pub targets: Vec<T>,
+    /// Adam's running means of the gradients.
+    pub first_moments: Vec<T>,
+    /// And of their squares.
+    pub second_moments: Vec<T>,
+    /// How many steps were taken.
+    pub steps: u64,
+}
+
+impl<T: Real> EnsembleState<T> {
+    /// Whether it belongs to networks with so many weights altogether.
+    ///
+    /// # Errors
+    /// [`Error::StateLength`] for another number, [`Error::StateNotFinite`] for NaN or infinity.
+    pub fn check(&self, expected: usize) -> Result<(), Error> {
+        for part in [&self.weights, &self.targets, &self.first_moments, &self.second_moments] {
+            if part.len() != expected {
+                return Err(Error::StateLength { found: part.len(), expected });
+            }
+            if !part.iter().all(|value| Real::is_finite(*value)) {
+                return Err(Error::StateNotFinite);
+            }
+        }
+        Ok(())
+    }
 }
 
 /// An ensemble of networks with target networks and optimiser state.
@@ -210,18 +233,9 @@ impl<T: Real> Ensemble<T> {
     /// Whether `state` could be restored.
     ///
     /// # Errors
-    /// [`Error::StateLength`] for another shape, [`Error::StateNotFinite`] for NaN or infinity.
+    /// As [`EnsembleState::check`].
     pub fn check_state(&self, state: &EnsembleState<T>) -> Result<(), Error> {
-        let expected = self.state.weights.len();
-        for part in [&state.weights, &state.targets, &state.first_moments, &state.second_moments] {
-            if part.len() != expected {
-                return Err(Error::StateLength { found: part.len(), expected });
-            }
-            if !part.iter().all(|value| Real::is_finite(*value)) {
-                return Err(Error::StateNotFinite);
-            }
-        }
-        Ok(())
+        state.check(self.state.weights.len())
     }
 
     /// Continues from a state.

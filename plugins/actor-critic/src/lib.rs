@@ -19,6 +19,7 @@ mod normaliser;
 mod onnx;
 mod pass;
 mod real;
+mod state;
 mod tensors;
 
 pub use action_scale::ActionScale;
@@ -38,6 +39,7 @@ pub use member::{Group, Member};
 pub use noise::{Noise, NoiseProcess, Schedule};
 pub use normaliser::Normaliser;
 pub use real::Real;
+pub use state::{AgentState, BodyState};
 pub use tensors::{Tensor, write_tensors};
 
 /// What cannot be built or restored.

@@ -1,11 +1,11 @@
 //! An abort rule: an action must not be much worse for the reset than what the reset agent itself would do.
 #![forbid(unsafe_code)]
 
-use std::{cell::RefCell, fmt::Write};
+use std::cell::RefCell;
 
-use rule_kit::{Combine, Row, require_finite};
+use rule_kit::{Combine, Row, explain, require_finite};
 use shield_api::{
-    AbortRule, Error, Needs, Plugin, Reason, Result, Rows, RuleContext, RuleVerdict, Setup, check_length,
+    AbortRule, Needs, Plugin, Reason, Result, Rows, RuleContext, RuleVerdict, Setup, check_length,
 };
 
 shield_api::config! {
@@ -69,8 +69,10 @@ impl AbortRule for Advantage {
         let is_safe = advantage >= self.min_advantage;
         if !is_safe {
             let (which, members, least) = (self.combine.words(), context.values.len(), self.min_advantage);
-            write!(reason, "the {which} of {members} advantages is {advantage}, below {least}")
-                .map_err(|error| Error::failed(error.to_string()))?;
+            explain(
+                reason,
+                format_args!("the {which} of {members} advantages is {advantage}, below {least}"),
+            )?;
         }
         Ok(RuleVerdict::from_safe(is_safe, advantage))
     }
@@ -90,31 +92,19 @@ shield_api::export_plugin! {
 }
 
 #[cfg(test)]
+#[path = "../../../tests/rules/support.rs"]
+mod support;
+
+#[cfg(test)]
 mod tests {
+    use shield_api::{ErrorKind, Verdict};
+
     use super::*;
-    use shield_api::{Checkpoint, ErrorKind, Host, Phase, PluginConfig, Verdict};
+    use crate::support::{assert_stateless, context, create, judge, rows, rule};
 
-    fn create(config: &str) -> Result<Advantage> {
-        Advantage::create(Config::parse(config)?, &Setup::new(0, 1, Host::silent()))
-    }
-
-    fn context<'a>(values: &'a [f32], greedy_values: &'a [f32]) -> RuleContext<'a> {
-        RuleContext {
-            step: 0,
-            observation: &[0.0],
-            proposed: &[0.5],
-            previous: None,
-            values,
-            greedy_values,
-            forward_values: &[],
-            discount: 0.99,
-            phase: Phase::Forward,
-        }
-    }
-
-    fn judge(config: &str, values: &[f32], greedy_values: &[f32]) -> RuleVerdict {
-        let mut reason = Reason::new(&mut []);
-        create(config).unwrap().evaluate(&context(values, greedy_values), &mut reason).unwrap()
+    fn compare(config: &str, values: &[f32], greedy_values: &[f32]) -> RuleVerdict {
+        let context = RuleContext { greedy_values, ..context(values, &[0.5]) };
+        judge(&rule::<Advantage>(config), &context).0
     }
 
     #[test]
@@ -129,7 +119,7 @@ mod tests {
             ("(combine: Quantile(0.5))", -1.0, Verdict::Allow),
             ("(combine: KOfN(2))", -1.0, Verdict::Allow),
         ] {
-            let judged = judge(config, &values, &greedy);
+            let judged = compare(config, &values, &greedy);
             assert_eq!((judged.score, judged.verdict), (score, verdict), "{config}");
         }
     }
@@ -137,28 +127,20 @@ mod tests {
     #[test]
     fn non_finite_values_are_rejected_and_missing_ones_are_errors() {
         for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
-            assert!(judge("()", &[bad, 1.0], &[1.0, 1.0]).score.is_nan());
-            assert_eq!(judge("()", &[1.0, 1.0], &[bad, 1.0]).verdict, Verdict::Reject);
+            assert!(compare("()", &[bad, 1.0], &[1.0, 1.0]).score.is_nan());
+            assert_eq!(compare("()", &[1.0, 1.0], &[bad, 1.0]).verdict, Verdict::Reject);
         }
-        for (values, greedy) in [(&[][..], &[][..]), (&[1.0], &[]), (&[1.0, 2.0], &[1.0])] {
-            let rule = create("()").unwrap();
-            assert!(rule.evaluate(&context(values, greedy), &mut Reason::new(&mut [])).is_err());
+        for (values, greedy_values) in [(&[][..], &[][..]), (&[1.0], &[]), (&[1.0, 2.0], &[1.0])] {
+            let context = RuleContext { greedy_values, ..context(values, &[0.5]) };
+            assert!(rule::<Advantage>("()").evaluate(&context, &mut Reason::new(&mut [])).is_err());
         }
     }
 
     #[test]
     fn the_row_holds_where_the_linearised_advantage_suffices() {
-        struct Collected(Vec<(f32, f32)>);
-        impl Rows for Collected {
-            fn push(&mut self, coefficients: &[f32], bound: f32) -> Result<()> {
-                self.0.push((coefficients[0], bound));
-                Ok(())
-            }
-        }
         // Around 0.5 the advantage is −8 + 4 (a − 0.5): at least −5 from a = 1.25.
-        let mut rows = Collected(Vec::new());
-        create("()").unwrap().linearise(&context(&[2.0], &[10.0]), &[4.0], &mut rows).unwrap();
-        assert_eq!(rows.0, [(-4.0, -5.0)]);
+        let context = RuleContext { greedy_values: &[10.0], ..context(&[2.0], &[0.5]) };
+        assert_eq!(rows(&rule::<Advantage>("()"), &context, &[4.0]), Ok(vec![(vec![-4.0], -5.0)]));
     }
 
     #[test]
@@ -169,15 +151,12 @@ mod tests {
             "(combine: KOfN(0))",
             "(combine: Quantile(2.0))",
         ] {
-            assert_eq!(create(text).unwrap_err().kind(), ErrorKind::InvalidConfig, "{text}");
+            assert_eq!(create::<Advantage>(text).unwrap_err().kind(), ErrorKind::InvalidConfig, "{text}");
         }
     }
 
     #[test]
     fn a_foreign_state_is_refused() {
-        let (mut bytes, mut rule) = (Vec::new(), create("()").unwrap());
-        rule.save(&mut bytes).unwrap();
-        rule.load(&bytes).unwrap();
-        assert!(rule.load(&[1]).is_err());
+        assert_stateless(rule::<Advantage>("()"));
     }
 }

@@ -1,8 +1,8 @@
-use shield_api::{ActMode, Learner, Space, Spaces};
+use learner_kit::AgentConfig;
 
 use conformance::Settings;
 
-use crate::Ddpg;
+use crate::{Ddpg, DdpgConfig};
 
 #[macro_use]
 #[path = "../../../tests/learners/conformance.rs"]
@@ -15,55 +15,16 @@ mod gradients;
 #[path = "../../../tests/learners/reference.rs"]
 mod reference;
 
-impl conformance::Subject for Ddpg {
-    fn small() -> Settings {
-        continuous::small()
-    }
-
-    fn changes() -> Settings {
-        continuous::changes(&[("loss", "Squared")])
-    }
-
-    fn impossible() -> Settings {
-        continuous::impossible(&[])
-    }
-
-    fn spaces() -> Spaces {
-        continuous::spaces()
-    }
-
-    fn impossible_actions() -> Vec<Space> {
-        continuous::impossible_actions()
-    }
-}
-
-impl gradients::Inside for Ddpg {
-    type State = continuous::State;
-    const MAGIC: &'static [u8] = crate::MAGIC;
+impl continuous::Continuous for Ddpg {
+    const MAGIC: &'static [u8] = DdpgConfig::MAGIC;
     const NETWORKS: usize = 1;
 
-    fn plain() -> Settings {
-        Settings::new()
-    }
-
-    fn critics(state: &mut continuous::State) -> &mut gradients::Networks {
-        &mut state.critics
-    }
-
-    fn actor(state: &mut continuous::State) -> Option<&mut gradients::Networks> {
-        Some(&mut state.actor)
+    fn own_changes() -> Settings {
+        vec![("loss", "Squared")]
     }
 
     fn network_value(&mut self, network: usize, observation: &[f32], action: &[f32]) -> f32 {
-        let mut critic = self.agent.critics.member(network);
-        critic.observe(observation);
-        critic.values(&continuous::to_unit(action))[0]
-    }
-
-    fn next_value(&mut self, member: usize, observation: &[f32]) -> f32 {
-        let mut action = [0.0; 2];
-        self.act(observation, ActMode::Greedy, &mut action).unwrap();
-        self.network_value(member, observation, &action)
+        continuous::network_value(&mut self.agent, network, observation, action)
     }
 }
 

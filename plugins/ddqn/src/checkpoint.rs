@@ -1,5 +1,7 @@
 //! The full state as bytes.
 
+use std::borrow::Cow;
+
 use actor_critic::{EnsembleState, Error as StateError, Normaliser, read_state, write_state};
 use learner_kit::plugin_error;
 use rand_pcg::Pcg64;
@@ -11,31 +13,23 @@ use crate::Ddqn;
 /// How the bytes begin.
 pub(crate) const MAGIC: &[u8] = b"shield/ddqn/1\n";
 
-#[derive(Serialize)]
-struct StateView<'a> {
-    networks: &'a EnsembleState<f32>,
-    normaliser: &'a Option<Normaliser>,
+#[derive(Serialize, Deserialize)]
+struct State<'a> {
+    networks: Cow<'a, EnsembleState<f32>>,
+    normaliser: Cow<'a, Option<Normaliser>>,
     explored: u64,
-    rng: &'a Pcg64,
-}
-
-#[derive(Deserialize)]
-struct State {
-    networks: EnsembleState<f32>,
-    normaliser: Option<Normaliser>,
-    explored: u64,
-    rng: Pcg64,
+    rng: Cow<'a, Pcg64>,
 }
 
 impl Checkpoint for Ddqn {
     fn save(&self, bytes: &mut Vec<u8>) -> Result<()> {
-        let view = StateView {
-            networks: self.networks.state(),
-            normaliser: &self.normaliser,
+        let state = State {
+            networks: Cow::Borrowed(self.networks.state()),
+            normaliser: Cow::Borrowed(&self.normaliser),
             explored: self.explored,
-            rng: &self.rng,
+            rng: Cow::Borrowed(&self.rng),
         };
-        write_state(MAGIC, &view, bytes).map_err(plugin_error)
+        write_state(MAGIC, &state, bytes).map_err(plugin_error)
     }
 
     fn load(&mut self, bytes: &[u8]) -> Result<()> {
@@ -45,12 +39,13 @@ impl Checkpoint for Ddqn {
 
 impl Ddqn {
     fn restore(&mut self, bytes: &[u8]) -> Result<(), StateError> {
-        let state: State = read_state(MAGIC, bytes)?;
-        Normaliser::check_alike(self.normaliser.as_ref(), state.normaliser.as_ref())?;
-        self.networks.restore(state.networks)?;
-        self.normaliser = state.normaliser;
+        let state: State<'static> = read_state(MAGIC, bytes)?;
+        let normaliser = state.normaliser.into_owned();
+        Normaliser::check_alike(self.normaliser.as_ref(), normaliser.as_ref())?;
+        self.networks.restore(state.networks.into_owned())?;
+        self.normaliser = normaliser;
         self.explored = state.explored;
-        self.rng = state.rng;
+        self.rng = state.rng.into_owned();
         Ok(())
     }
 }

@@ -1,7 +1,7 @@
 //! Acting, valuing and learning.
 
-use actor_critic::{CriticStep, Normaliser, check_finite_output, write_tensors};
-use learner_kit::{check_batch, plugin_error};
+use actor_critic::{Normaliser, check_finite_output, write_tensors};
+use learner_kit::{CriticReport, check_batch, plugin_error};
 use rand::RngExt;
 use shield_api::{ActMode, Batch, Learner, LearnerInfo, Result, check_finite, check_length};
 
@@ -85,10 +85,7 @@ impl Learner for Ddqn {
             }
         });
         networks.count_step();
-        CriticStep::check(steps.iter().map(|step| &step.critic)).map_err(plugin_error)?;
-        let (loss, value) = CriticStep::means(steps.iter().map(|step| &step.critic));
-        self.host.metric("critic_loss", loss);
-        self.host.metric("q_mean", value);
+        CriticReport::of(steps.iter().map(|step| &step.critic))?.send(&self.host);
         Ok(())
     }
 }

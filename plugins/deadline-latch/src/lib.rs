@@ -1,8 +1,7 @@
 //! An abort rule: after an abort, every forward action is rejected for some steps, whatever the other rules say.
 #![forbid(unsafe_code)]
 
-use std::fmt::Write;
-
+use rule_kit::explain;
 use shield_api::{
     AbortRule, Checkpoint, Error, Needs, ObservedDecision, Phase, Plugin, Reason, Result, Rows, RuleContext,
     RuleVerdict, Setup, check_finite,
@@ -69,8 +68,7 @@ impl AbortRule for DeadlineLatch {
         // It keeps the reset agent in charge, and so never stands in its way.
         let remaining = if context.phase == Phase::Forward { self.remaining(context.step) } else { 0 };
         if remaining > 0 {
-            write!(reason, "an abort keeps the latch closed for {remaining} more steps")
-                .map_err(|error| Error::failed(error.to_string()))?;
+            explain(reason, format_args!("an abort keeps the latch closed for {remaining} more steps"))?;
         }
         Ok(RuleVerdict::from_safe(remaining == 0, remaining as f32))
     }
@@ -99,44 +97,30 @@ shield_api::export_plugin! {
 }
 
 #[cfg(test)]
+#[path = "../../../tests/rules/support.rs"]
+mod support;
+
+#[cfg(test)]
 mod tests {
+    use shield_api::{ErrorKind, Verdict};
+
     use super::*;
-    use shield_api::{ErrorKind, Host, PluginConfig, Verdict};
+    use crate::support::{self, create, rows};
 
     fn rule(config: &str) -> DeadlineLatch {
-        DeadlineLatch::create(Config::parse(config).unwrap(), &Setup::new(0, 1, Host::silent())).unwrap()
+        support::rule(config)
     }
 
     fn context(step: u64) -> RuleContext<'static> {
-        RuleContext {
-            step,
-            observation: &[0.0],
-            proposed: &[0.0],
-            previous: None,
-            values: &[],
-            greedy_values: &[],
-            forward_values: &[],
-            discount: 0.99,
-            phase: Phase::Forward,
-        }
+        RuleContext { step, ..support::context(&[], &[0.0]) }
     }
 
     fn judge(rule: &DeadlineLatch, step: u64) -> Verdict {
-        rule.evaluate(&context(step), &mut Reason::new(&mut [])).unwrap().verdict
+        support::judge(rule, &context(step)).0.verdict
     }
 
     fn observe(rule: &mut DeadlineLatch, step: u64, aborted: bool) {
         rule.observe(&ObservedDecision { step, aborted, action: &[0.0] }).unwrap();
-    }
-
-    fn linearise(rule: &DeadlineLatch, step: u64) -> Result<()> {
-        struct Refusing;
-        impl Rows for Refusing {
-            fn push(&mut self, _: &[f32], _: f32) -> Result<()> {
-                panic!("no row may be pushed");
-            }
-        }
-        rule.linearise(&context(step), &[], &mut Refusing)
     }
 
     #[test]
@@ -163,16 +147,16 @@ mod tests {
         let mut rule = rule("()");
         observe(&mut rule, 0, true);
         let exploring = RuleContext { phase: Phase::Reset, ..context(1) };
-        let judged = rule.evaluate(&exploring, &mut Reason::new(&mut [])).unwrap();
+        let (judged, _) = support::judge(&rule, &exploring);
         assert_eq!((judged.verdict, judge(&rule, 1)), (Verdict::Allow, Verdict::Reject));
     }
 
     #[test]
     fn only_an_open_latch_can_be_linearised() {
         let mut rule = rule("()");
-        assert_eq!(linearise(&rule, 0), Ok(()));
+        assert_eq!(rows(&rule, &context(0), &[]), Ok(vec![]));
         observe(&mut rule, 0, true);
-        assert_eq!(linearise(&rule, 1).unwrap_err().kind(), ErrorKind::Unsupported);
+        assert_eq!(rows(&rule, &context(1), &[]).unwrap_err().kind(), ErrorKind::Unsupported);
     }
 
     #[test]
@@ -190,8 +174,7 @@ mod tests {
 
     #[test]
     fn a_latch_of_no_steps_is_refused() {
-        let config = Config::parse("(steps: 0)").unwrap();
-        let made = DeadlineLatch::create(config, &Setup::new(0, 1, Host::silent()));
+        let made = create::<DeadlineLatch>("(steps: 0)");
         assert_eq!(made.unwrap_err().kind(), ErrorKind::InvalidConfig);
     }
 }

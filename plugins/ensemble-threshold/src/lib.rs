@@ -3,10 +3,8 @@
 
 mod threshold;
 
-use std::fmt::Write;
-
-use rule_kit::{Combine, Row};
-use shield_api::{AbortRule, Error, Needs, Plugin, Reason, Result, Rows, RuleContext, RuleVerdict, Setup};
+use rule_kit::{Combine, Row, explain};
+use shield_api::{AbortRule, Needs, Plugin, Reason, Result, Rows, RuleContext, RuleVerdict, Setup};
 
 use crate::threshold::{Schedule, Threshold};
 
@@ -60,8 +58,8 @@ impl AbortRule for EnsembleThreshold {
         let is_safe = value >= q_min;
         if !is_safe {
             let (which, members) = (self.combine.words(), context.values.len());
-            write!(reason, "the {which} of {members} reset values is {value}, below q_min {q_min}")
-                .map_err(|error| Error::failed(error.to_string()))?;
+            let words = format_args!("the {which} of {members} reset values is {value}, below q_min {q_min}");
+            explain(reason, words)?;
         }
         Ok(RuleVerdict::from_safe(is_safe, value))
     }
@@ -79,48 +77,27 @@ shield_api::export_plugin! {
 }
 
 #[cfg(test)]
+#[path = "../../../tests/rules/support.rs"]
+mod support;
+
+#[cfg(test)]
 mod tests {
+    use shield_api::{ErrorKind, PluginConfig, Verdict};
+
     use super::*;
-    use shield_api::{Checkpoint, ErrorKind, Host, Phase, PluginConfig, Verdict};
+    use crate::support::{self, assert_gradients_are_checked, assert_stateless, context, create};
 
     fn rule(config: &str) -> EnsembleThreshold {
-        let setup = Setup::new(0, 1, Host::silent());
-        EnsembleThreshold::create(Config::parse(config).unwrap(), &setup).unwrap()
-    }
-
-    fn context<'a>(values: &'a [f32], proposed: &'a [f32]) -> RuleContext<'a> {
-        RuleContext {
-            step: 0,
-            observation: &[0.0],
-            proposed,
-            previous: None,
-            values,
-            greedy_values: &[],
-            forward_values: &[],
-            discount: 0.99,
-            phase: Phase::Forward,
-        }
+        support::rule(config)
     }
 
     fn judge(config: &str, values: &[f32]) -> (Verdict, f32, String) {
-        let mut room = [0; 120];
-        let mut reason = Reason::new(&mut room);
-        let judged = rule(config).evaluate(&context(values, &[0.0]), &mut reason).unwrap();
-        let length = reason.len();
-        (judged.verdict, judged.score, String::from_utf8(room[..length].to_vec()).unwrap())
+        let (judged, reason) = support::judge(&rule(config), &context(values, &[0.0]));
+        (judged.verdict, judged.score, reason)
     }
 
     fn rows(config: &str, values: &[f32], proposed: &[f32], gradients: &[f32]) -> Vec<(Vec<f32>, f32)> {
-        struct Collected(Vec<(Vec<f32>, f32)>);
-        impl Rows for Collected {
-            fn push(&mut self, coefficients: &[f32], bound: f32) -> Result<()> {
-                self.0.push((coefficients.to_vec(), bound));
-                Ok(())
-            }
-        }
-        let mut collected = Collected(Vec::new());
-        rule(config).linearise(&context(values, proposed), gradients, &mut collected).unwrap();
-        collected.0
+        support::rows(&rule(config), &context(values, proposed), gradients).unwrap()
     }
 
     #[test]
@@ -174,8 +151,7 @@ mod tests {
     #[test]
     fn an_invalid_threshold_schedule_or_combination_is_refused() {
         for text in ["(q_min: NaN)", "(q_min: inf)", "(q_min: -inf)"] {
-            let config = Config::parse(text).unwrap();
-            let error = EnsembleThreshold::create(config, &Setup::new(0, 1, Host::silent())).unwrap_err();
+            let error = create::<EnsembleThreshold>(text).unwrap_err();
             assert_eq!(error.kind(), ErrorKind::InvalidConfig);
             assert!(error.message().contains("q_min is"), "{error}");
         }
@@ -190,8 +166,7 @@ mod tests {
             "(schedule: Cosine, schedule_steps: 10)",
             "(schedule: Cosine, schedule_steps: 10, final_q_min: Some(inf))",
         ] {
-            let config = Config::parse(text).unwrap();
-            let made = EnsembleThreshold::create(config, &Setup::new(0, 1, Host::silent()));
+            let made = create::<EnsembleThreshold>(text);
             assert_eq!(made.unwrap_err().kind(), ErrorKind::InvalidConfig, "{text}");
         }
         assert!(Config::parse("(q_max: 1.0)").is_err());
@@ -236,13 +211,9 @@ mod tests {
     #[test]
     fn q_min_follows_its_schedule_and_then_stays() {
         let q_min = |config: &str, step| {
-            let bare = context(&[-1e9], &[0.0]);
-            let mut room = [0; 120];
-            let mut reason = Reason::new(&mut room);
-            rule(config).evaluate(&RuleContext { step, ..bare }, &mut reason).unwrap();
-            let length = reason.len();
-            let text = std::str::from_utf8(&room[..length]).unwrap();
-            text.rsplit(' ').next().unwrap().parse::<f32>().unwrap()
+            let context = RuleContext { step, ..context(&[-1e9], &[0.0]) };
+            let (_, reason) = support::judge(&rule(config), &context);
+            reason.rsplit(' ').next().unwrap().parse::<f32>().unwrap()
         };
         let rising = "q_min: 10.0, final_q_min: Some(20.0), schedule_steps: 100";
         for (schedule, expected) in
@@ -263,31 +234,17 @@ mod tests {
     #[test]
     fn a_relative_threshold_without_discount_rejects_everything() {
         let endless = RuleContext { discount: 1.0, ..context(&[1e30], &[0.0]) };
-        let judged =
-            rule("(q_min: 0.1, relative: true)").evaluate(&endless, &mut Reason::new(&mut [])).unwrap();
+        let (judged, _) = support::judge(&rule("(q_min: 0.1, relative: true)"), &endless);
         assert_eq!(judged.verdict, Verdict::Reject);
     }
 
     #[test]
     fn truncated_and_nan_gradients_give_no_rows() {
-        struct Refusing;
-        impl Rows for Refusing {
-            fn push(&mut self, _: &[f32], _: f32) -> Result<()> {
-                panic!("no row may be pushed");
-            }
-        }
-        for gradients in [&[1.0][..], &[1.0, f32::NAN], &[]] {
-            let context = context(&[8.0, 9.0], &[0.0]);
-            assert!(rule("()").linearise(&context, gradients, &mut Refusing).is_err(), "{gradients:?}");
-        }
+        assert_gradients_are_checked(&rule("()"));
     }
 
     #[test]
     fn its_empty_state_is_restored_and_a_foreign_one_refused() {
-        let mut bytes = Vec::new();
-        let mut rule = rule("()");
-        rule.save(&mut bytes).unwrap();
-        rule.load(&bytes).unwrap();
-        assert!(rule.load(&[1]).is_err());
+        assert_stateless(rule("()"));
     }
 }

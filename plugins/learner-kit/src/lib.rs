@@ -2,13 +2,17 @@
 #![forbid(unsafe_code)]
 
 mod ddpg;
+mod learner;
+mod report;
 mod settings;
 mod td3;
 
-use actor_critic::{ErrorKind, check_unit};
+use actor_critic::{Body, ErrorKind, check_unit};
 use shield_api::{Batch, Error, Result, check_finite};
 
 pub use ddpg::DdpgConfig;
+pub use learner::{ActorCritic, AgentConfig, Backend, Update};
+pub use report::CriticReport;
 pub use td3::Td3Config;
 
 /// An error of the networks as one of a plugin.
@@ -22,6 +26,17 @@ pub fn plugin_error(error: actor_critic::Error) -> Error {
         ErrorKind::Argument => Error::invalid_argument(message),
         ErrorKind::Failure => Error::failed(message),
     }
+}
+
+/// Checks a whole batch before anything changes, and takes it in.
+///
+/// # Errors
+/// As [`check_batch`]; or an action has the wrong length or is not finite.
+pub fn take_batch(body: &mut Body, batch: &Batch<'_>, members: usize) -> Result<()> {
+    check_finite("actions", batch.actions, batch.size * body.scale.len())?;
+    check_batch(batch, body.observation_len(), members)?;
+    body.take_batch(batch.observations, batch.actions, batch.next_observations);
+    Ok(())
 }
 
 /// Checks everything of a batch but its actions, which depend on the space.

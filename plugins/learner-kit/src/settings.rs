@@ -3,13 +3,15 @@
 /// Gives a configuration the method that describes its agent. The configurations list these fields each for itself, since their defaults
 /// and sources differ; here they are read.
 macro_rules! describe_agent {
-    ($config:ty, $name:literal, networks_per_member: $networks:literal, also_check: $check:expr) => {
-        impl $config {
-            /// The agent that these settings describe.
-            ///
-            /// # Errors
-            /// A setting that cannot be, or an action space that is not a box.
-            pub fn agent<'a>(
+    ($config:ty, $name:literal, magic: $magic:literal, networks_per_member: $networks:literal, also_check: $check:expr) => {
+        impl $crate::AgentConfig for $config {
+            const MAGIC: &'static [u8] = $magic;
+
+            fn info(&self) -> shield_api::LearnerInfo {
+                shield_api::LearnerInfo { members: self.critics, discount: self.discount }
+            }
+
+            fn agent<'a>(
                 &'a self,
                 setup: &shield_api::Setup,
             ) -> shield_api::Result<actor_critic::AgentSettings<'a>> {
@@ -46,8 +48,10 @@ macro_rules! describe_agent {
                     seed: setup.seed,
                 })
             }
+        }
 
-            /// Refuses values that cannot be.
+        impl $config {
+            /// Refuses values that cannot be. Sizes of networks are checked where these are built.
             fn check_common(&self) -> Result<(), actor_critic::Error> {
                 use actor_critic::{
                     check_finite_setting, check_layers, check_not_negative, check_positive, check_share,

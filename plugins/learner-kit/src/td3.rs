@@ -3,6 +3,8 @@
 use actor_critic::{
     Activation, Initialisation, Loss, NoiseProcess, Valuation, check_not_negative, check_positive,
 };
+use rand::{Rng, RngExt};
+use rand_distr::StandardNormal;
 
 shield_api::config! {
     /// Settings of TD3. "TD3" is Fujimoto et al. 2018; "paper" is Leave no Trace, appendix C.
@@ -56,8 +58,43 @@ shield_api::config! {
     }
 }
 
-crate::settings::describe_agent!(Td3Config, "TD3", networks_per_member: 2, also_check: |config| {
+crate::settings::describe_agent!(Td3Config, "TD3", magic: b"shield/td3/1\n", networks_per_member: 2, also_check: |config| {
     check_positive("policy_delay", config.policy_delay as f64)?;
     check_not_negative("target_sigma", config.target_sigma)?;
     check_not_negative("target_clip", config.target_clip)
 });
+
+impl Td3Config {
+    /// Target smoothing of actions in [-1, 1]: ã = π'(s') + clip(σ̃ N(0, 1), ±c), inside the box. The same for every pair.
+    pub fn smooth(&self, actions: &mut [f32], rng: &mut impl Rng) {
+        let (sigma, clip) = (self.target_sigma, self.target_clip);
+        for action in actions {
+            let draw: f32 = rng.sample(StandardNormal);
+            *action = (*action + (sigma * draw).clamp(-clip, clip)).clamp(-1.0, 1.0);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use rand::SeedableRng;
+    use rand_pcg::Pcg64;
+
+    use super::*;
+
+    #[test]
+    fn target_noise_keeps_its_deviation_its_bound_and_the_box() {
+        let config = Td3Config { target_sigma: 0.2, target_clip: 0.3, ..Td3Config::default() };
+        let mut rng = Pcg64::seed_from_u64(5);
+        let mut noise = vec![0.0; 20_000];
+        config.smooth(&mut noise, &mut rng);
+        let largest = noise.iter().fold(0.0_f32, |largest, x| largest.max(x.abs()));
+        assert_eq!(largest, 0.3);
+        // P(|N| > 1.5) = 0.1336.
+        let cut = noise.iter().filter(|x| x.abs() == 0.3).count() as f64 / 20_000.0;
+        assert!((cut - 0.1336).abs() < 0.01, "{cut}");
+        let mut noise = vec![0.95; 20_000];
+        config.smooth(&mut noise, &mut rng);
+        assert!(noise.iter().all(|x| (0.65..=1.0).contains(x)) && noise.contains(&1.0));
+    }
+}

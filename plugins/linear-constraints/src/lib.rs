@@ -3,9 +3,10 @@
 
 use std::{
     cell::RefCell,
-    fmt::{self, Display, Write},
+    fmt::{self, Display},
 };
 
+use rule_kit::{dot, explain};
 use serde::Deserialize;
 use shield_api::{
     AbortRule, Error, Needs, Plugin, Reason, Result, Rows, RuleContext, RuleVerdict, Setup, Space,
@@ -91,10 +92,6 @@ impl Display for Limit {
     }
 }
 
-fn dot(left: &[f32], right: &[f32]) -> f64 {
-    left.iter().zip(right).map(|(left, right)| f64::from(*left) * f64::from(*right)).sum()
-}
-
 impl LinearConstraints {
     /// The limits of change that apply, each with its dimension and the action executed before.
     fn changes<'a>(&'a self, context: &RuleContext<'a>) -> impl Iterator<Item = (usize, f32, f32)> + use<'a> {
@@ -129,7 +126,7 @@ impl AbortRule for LinearConstraints {
         // Written so that NaN rejects.
         let is_safe = room >= 0.0;
         if !is_safe {
-            write!(reason, "{limit} by {}", -room).map_err(|error| Error::failed(error.to_string()))?;
+            explain(reason, format_args!("{limit} by {}", -room))?;
         }
         Ok(RuleVerdict::from_safe(is_safe, room as f32))
     }
@@ -159,39 +156,27 @@ shield_api::export_plugin! {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use shield_api::{Checkpoint, ErrorKind, Host, Phase, PluginConfig, Spaces, Verdict};
+#[path = "../../../tests/rules/support.rs"]
+mod support;
 
-    fn create(config: &str, action: Space) -> Result<LinearConstraints> {
-        let spaces = Spaces { observation: Space::unbounded(1), action };
-        LinearConstraints::create(Config::parse(config)?, &Setup::with_spaces(0, 1, Host::silent(), spaces))
-    }
+#[cfg(test)]
+mod tests {
+    use shield_api::{ErrorKind, Host, PluginConfig, Spaces, Verdict};
+
+    use super::*;
+    use crate::support::{self, assert_stateless, create, rows};
 
     fn rule(config: &str) -> LinearConstraints {
-        create(config, Space::uniform(2, -1.0, 1.0)).unwrap()
+        support::rule(config)
     }
 
     fn context<'a>(proposed: &'a [f32], previous: Option<&'a [f32]>) -> RuleContext<'a> {
-        RuleContext {
-            step: 0,
-            observation: &[0.0],
-            proposed,
-            previous,
-            values: &[],
-            greedy_values: &[],
-            forward_values: &[],
-            discount: 0.99,
-            phase: Phase::Forward,
-        }
+        RuleContext { previous, ..support::context(&[], proposed) }
     }
 
     fn judge(config: &str, proposed: [f32; 2], previous: Option<&[f32]>) -> (Verdict, f32, String) {
-        let mut room = [0; 120];
-        let mut reason = Reason::new(&mut room);
-        let judged = rule(config).evaluate(&context(&proposed, previous), &mut reason).unwrap();
-        let length = reason.len();
-        (judged.verdict, judged.score, String::from_utf8(room[..length].to_vec()).unwrap())
+        let (judged, reason) = support::judge(&rule(config), &context(&proposed, previous));
+        (judged.verdict, judged.score, reason)
     }
 
     const SUM: &str = "(constraints: [(a: [1.0, 1.0], b: 0.5), (a: [-1.0, 0.0], b: 0.25)])";
@@ -219,23 +204,14 @@ mod tests {
 
     #[test]
     fn rows_hold_where_the_rule_allows() {
-        struct Collected(Vec<(Vec<f32>, f32)>);
-        impl Rows for Collected {
-            fn push(&mut self, coefficients: &[f32], bound: f32) -> Result<()> {
-                self.0.push((coefficients.to_vec(), bound));
-                Ok(())
-            }
-        }
         let config = "(constraints: [(a: [1.0, 1.0], b: 0.5)], max_change: Some([0.25, 1.0]))";
         let (rule, previous) = (rule(config), [0.5, 0.0]);
-        let mut rows = Collected(Vec::new());
-        rule.linearise(&context(&[0.0, 0.0], Some(&previous)), &[], &mut rows).unwrap();
-        assert_eq!(rows.0.len(), 5);
+        let rows = rows(&rule, &context(&[0.0, 0.0], Some(&previous)), &[]).unwrap();
+        assert_eq!(rows.len(), 5);
         for step in 0..400 {
             let action = [(step % 20) as f32 / 10.0 - 1.0, (step / 20) as f32 / 10.0 - 1.0];
-            let judged =
-                rule.evaluate(&context(&action, Some(&previous)), &mut Reason::new(&mut [])).unwrap();
-            let room = rows.0.iter().map(|(row, bound)| f64::from(*bound) - dot(row, &action));
+            let (judged, _) = support::judge(&rule, &context(&action, Some(&previous)));
+            let room = rows.iter().map(|(row, bound)| f64::from(*bound) - dot(row, &action));
             let least = room.fold(f64::INFINITY, f64::min);
             assert!((f64::from(judged.score) - least).abs() < 1e-6, "{action:?}");
         }
@@ -260,18 +236,18 @@ mod tests {
             "(max_change: Some([1.0]))",
             "(max_change: Some([1.0, -0.1]))",
         ] {
-            let error = create(text, Space::uniform(2, -1.0, 1.0)).unwrap_err();
+            let error = create::<LinearConstraints>(text).unwrap_err();
             assert_eq!(error.kind(), ErrorKind::InvalidConfig, "{text}");
         }
-        assert!(create("(max_change: Some([1.0]))", Space::Discrete { n: 2 }).is_err());
+        let discrete = Spaces { observation: Space::unbounded(1), action: Space::Discrete { n: 2 } };
+        let setup = Setup::with_spaces(0, 1, Host::silent(), discrete);
+        let config = Config::parse("(max_change: Some([1.0]))").unwrap();
+        assert!(LinearConstraints::create(config, &setup).is_err());
         assert!(Config::parse("(constraints: [(a: [1.0, 0.0], c: 1.0)])").is_err());
     }
 
     #[test]
     fn a_foreign_state_is_refused() {
-        let (mut bytes, mut rule) = (Vec::new(), rule(SUM));
-        rule.save(&mut bytes).unwrap();
-        rule.load(&bytes).unwrap();
-        assert!(rule.load(&[1]).is_err());
+        assert_stateless(rule(SUM));
     }
 }

@@ -3,7 +3,7 @@
 use serde::Deserialize;
 use shield_api::{Error, Result, Rows, RuleContext, check_finite};
 
-use crate::{Row, require_values};
+use crate::{Row, mean, require_values};
 
 /// How the members' figures become one (paper, §4.3).
 #[derive(Debug, Clone, Copy, PartialEq, Deserialize)]
@@ -66,7 +66,7 @@ impl Combine {
             return Ok(f32::NAN);
         }
         Ok(match quorum {
-            None => mean(figures.iter().copied(), figures.len()),
+            None => mean(figures.iter().copied()) as f32,
             Some(quorum) => {
                 let member = (0..figures.len()).find(|member| rank(figures, *member) == quorum);
                 member.map_or(f32::NAN, |member| figures[member])
@@ -105,7 +105,7 @@ impl Combine {
         check_finite("gradients", gradients, members * width)?;
         let Some(quorum) = self.quorum(members)? else {
             let slopes = (0..width).map(|dimension| {
-                mean((0..members).map(|member| gradients[member * width + dimension]), members)
+                mean((0..members).map(|member| gradients[member * width + dimension])) as f32
             });
             return row.push_at_least(proposed, value, slopes, threshold, rows);
         };
@@ -115,10 +115,6 @@ impl Combine {
         }
         Ok(())
     }
-}
-
-fn mean(values: impl Iterator<Item = f32>, count: usize) -> f32 {
-    (values.map(f64::from).sum::<f64>() / count as f64) as f32
 }
 
 /// The rank of a member from 1, the largest; of equal ones the earlier ranks first. Counts instead of sorting, which would allocate.

@@ -3,9 +3,12 @@
 
 mod combine;
 
-use std::cell::RefCell;
+use std::{
+    cell::RefCell,
+    fmt::{Arguments, Write},
+};
 
-use shield_api::{Error, Result, Rows};
+use shield_api::{Error, Reason, Result, Rows};
 
 pub use combine::Combine;
 
@@ -31,6 +34,25 @@ pub fn require_finite(name: &str, value: f32) -> Result<()> {
     Err(Error::invalid_config(format!("{name} is {value}, but must be finite")).in_field(name))
 }
 
+/// Writes why an action is rejected.
+///
+/// # Errors
+/// The host's buffer refuses it.
+pub fn explain(reason: &mut Reason<'_>, words: Arguments<'_>) -> Result<()> {
+    reason.write_fmt(words).map_err(|error| Error::failed(error.to_string()))
+}
+
+/// The sum of products, added in `f64`.
+pub fn dot(left: &[f32], right: &[f32]) -> f64 {
+    left.iter().zip(right).map(|(left, right)| f64::from(*left) * f64::from(*right)).sum()
+}
+
+/// The mean, added in `f64`; NaN of nothing.
+pub fn mean(values: impl ExactSizeIterator<Item = f32>) -> f64 {
+    let count = values.len() as f64;
+    values.map(f64::from).sum::<f64>() / count
+}
+
 /// Room for a row `A a ≤ b`, reused from row to row.
 #[derive(Debug, Default)]
 pub struct Row(RefCell<Vec<f32>>);
@@ -52,8 +74,7 @@ impl Row {
         let mut row = self.0.borrow_mut();
         row.clear();
         row.extend(gradient.map(|slope| -slope));
-        let at_proposed: f64 = row.iter().zip(proposed).map(|(a, b)| f64::from(*a) * f64::from(*b)).sum();
-        rows.push(&row, (f64::from(value) + at_proposed - f64::from(threshold)) as f32)
+        rows.push(&row, (f64::from(value) + dot(&row, proposed) - f64::from(threshold)) as f32)
     }
 
     /// Adds the row under which a figure stays at or below `limit`.

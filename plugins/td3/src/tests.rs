@@ -1,8 +1,9 @@
-use shield_api::{ActMode, Learner, Space, Spaces};
+use learner_kit::AgentConfig;
+use shield_api::{ActMode, Learner};
 
 use conformance::{SIZE, Settings, Transitions, act, learner, train, values};
 
-use crate::Td3;
+use crate::{Td3, Td3Config};
 
 #[macro_use]
 #[path = "../../../tests/learners/conformance.rs"]
@@ -15,63 +16,24 @@ mod gradients;
 #[path = "../../../tests/learners/reference.rs"]
 mod reference;
 
-impl conformance::Subject for Td3 {
-    fn small() -> Settings {
-        continuous::small()
-    }
-
-    fn changes() -> Settings {
-        continuous::changes(&[
-            ("policy_delay", "3"),
-            ("target_sigma", "0.1"),
-            ("target_clip", "0.1"),
-            ("loss", "Huber"),
-        ])
-    }
-
-    fn impossible() -> Settings {
-        continuous::impossible(&[("policy_delay", "0"), ("target_sigma", "-0.1"), ("target_clip", "NaN")])
-    }
-
-    fn spaces() -> Spaces {
-        continuous::spaces()
-    }
-
-    fn impossible_actions() -> Vec<Space> {
-        continuous::impossible_actions()
-    }
-}
-
-impl gradients::Inside for Td3 {
-    type State = continuous::State;
-    const MAGIC: &'static [u8] = crate::MAGIC;
+impl continuous::Continuous for Td3 {
+    const MAGIC: &'static [u8] = Td3Config::MAGIC;
     const NETWORKS: usize = 2;
 
     fn plain() -> Settings {
         vec![("target_sigma", "0.0"), ("policy_delay", "1")]
     }
 
-    fn critics(state: &mut continuous::State) -> &mut gradients::Networks {
-        &mut state.critics
+    fn own_changes() -> Settings {
+        vec![("policy_delay", "3"), ("target_sigma", "0.1"), ("target_clip", "0.1"), ("loss", "Huber")]
     }
 
-    fn actor(state: &mut continuous::State) -> Option<&mut gradients::Networks> {
-        Some(&mut state.actor)
+    fn own_impossible() -> Settings {
+        vec![("policy_delay", "0"), ("target_sigma", "-0.1"), ("target_clip", "NaN")]
     }
 
     fn network_value(&mut self, network: usize, observation: &[f32], action: &[f32]) -> f32 {
-        let mut critic = self.agent.critics.member(network);
-        critic.observe(observation);
-        critic.values(&continuous::to_unit(action))[0]
-    }
-
-    fn next_value(&mut self, member: usize, observation: &[f32]) -> f32 {
-        let mut action = [0.0; 2];
-        self.act(observation, ActMode::Greedy, &mut action).unwrap();
-        let networks = member * 2..(member + 1) * 2;
-        networks
-            .map(|network| self.network_value(network, observation, &action))
-            .fold(f32::INFINITY, f32::min)
+        continuous::network_value(&mut self.agent, network, observation, action)
     }
 }
 
@@ -100,7 +62,7 @@ fn targets_come_from_the_smaller_twin() {
     let next_values = target_values(&mut learner, &transitions, &actions);
     learner.update(&transitions.batch()).unwrap();
     let mut smaller_twins = [0; 2];
-    for (pair, step) in learner.steps.iter().enumerate() {
+    for (pair, step) in learner.update.steps.iter().enumerate() {
         for (row, target) in step.critic.targets.iter().enumerate() {
             let twins = [next_values[2 * pair][row], next_values[2 * pair + 1][row]];
             let least = twins[0].min(twins[1]);
@@ -154,23 +116,6 @@ fn the_actor_and_all_targets_move_at_every_delayed_update_only() {
         }
         before = after;
     }
-}
-
-#[test]
-fn target_noise_keeps_its_deviation_its_bound_and_the_box() {
-    let mut learner: Td3 = learner(&[("target_sigma", "0.2"), ("target_clip", "0.3")]);
-    learner.agent.body.buffers.next_actions = vec![0.0; 20_000];
-    learner.smooth_next_actions();
-    let noise = &learner.agent.body.buffers.next_actions;
-    let largest = noise.iter().fold(0.0_f32, |largest, x| largest.max(x.abs()));
-    assert_eq!(largest, 0.3);
-    // P(|N| > 1.5) = 0.1336.
-    let cut = noise.iter().filter(|x| x.abs() == 0.3).count() as f64 / 20_000.0;
-    assert!((cut - 0.1336).abs() < 0.01, "{cut}");
-    learner.agent.body.buffers.next_actions = vec![0.95; 20_000];
-    learner.smooth_next_actions();
-    let noise = &learner.agent.body.buffers.next_actions;
-    assert!(noise.iter().all(|x| (0.65..=1.0).contains(x)) && noise.contains(&1.0));
 }
 
 #[test]

@@ -3,16 +3,13 @@
 use std::marker::PhantomData;
 
 use actor_critic::{
-    Agent, AgentSettings, Body, Ensemble, Loss, Noise, Normaliser, Valuation, check_finite_output,
-    read_state, write_state,
+    Agent, AgentSettings, AgentState, Body, Ensemble, Loss, Valuation, check_finite_output,
 };
-use learner_kit::{check_batch, plugin_error};
-use rand_pcg::Pcg64;
-use serde::{Deserialize, Serialize};
-use shield_api::{Batch, Error, Result, check_finite, check_length};
+use learner_kit::{Backend, CriticReport, plugin_error};
+use shield_api::{Batch, Error, Result, check_length};
 use tch::{Device, Kind, TchError, Tensor, no_grad};
 
-use crate::networks::{Networks, NetworksState, Shape, failed, norms, numbers, read};
+use crate::networks::{Networks, Shape, failed, norms, numbers, read};
 
 /// In which numbers products are computed; weights, sums over losses and the optimiser stay in `f32`.
 pub trait Precision: Send + 'static {
@@ -67,33 +64,9 @@ pub struct Rows {
     masks: Tensor,
 }
 
-/// What a step of the critics found.
-pub struct Found {
-    /// The mean loss of each network.
-    pub losses: Vec<f32>,
-    /// The mean value over the batch and the networks.
-    pub mean_value: f64,
-}
-
-impl Found {
-    /// Over the networks.
-    pub fn mean_loss(&self) -> f64 {
-        self.losses.iter().map(|loss| f64::from(*loss)).sum::<f64>() / self.losses.len() as f64
-    }
-}
-
-#[derive(Serialize, Deserialize)]
-struct State {
-    actor: NetworksState,
-    critics: NetworksState,
-    noise: Noise,
-    normaliser: Option<Normaliser>,
-    rng: Pcg64,
-}
-
-impl<P: Precision> TorchAgent<P> {
+impl<P: Precision> Backend for TorchAgent<P> {
     /// With the weights that `actor-critic` draws for the same settings.
-    pub fn new(settings: AgentSettings<'_>) -> Result<Self> {
+    fn new(settings: AgentSettings<'_>) -> Result<Self> {
         let (observation_len, activation) = (settings.observation_len, settings.activation);
         let (members, networks_per_member) = (settings.members, settings.networks_per_member);
         let (actor_hidden, critic_hidden) = (settings.actor_hidden, settings.critic_hidden);
@@ -119,13 +92,7 @@ impl<P: Precision> TorchAgent<P> {
         })
     }
 
-    /// How many values an observation has.
-    pub fn observation_len(&self) -> usize {
-        self.body.observation_len()
-    }
-
-    /// As `actor-critic`'s.
-    pub fn act(&mut self, observation: &[f32], explores: bool, action: &mut [f32]) -> Result<()> {
+    fn act(&mut self, observation: &[f32], explores: bool, action: &mut [f32]) -> Result<()> {
         let (actor, device) = (&self.actor, self.device);
         let policy = |observation: &[f32], unit: &mut [f32]| {
             let acted = no_grad(|| actor.outputs(&rows(observation, 1, device)?, None));
@@ -136,7 +103,7 @@ impl<P: Precision> TorchAgent<P> {
     }
 
     /// As `actor-critic`'s: a member's value is that of its network whose value is smallest, and so is its gradient.
-    pub fn value(
+    fn value(
         &mut self,
         observation: &[f32],
         action: &[f32],
@@ -175,6 +142,25 @@ impl<P: Precision> TorchAgent<P> {
         check_finite_output("the gradients", gradients).map_err(plugin_error)
     }
 
+    /// In the form of `actor-critic`.
+    fn save(&self, magic: &[u8], bytes: &mut Vec<u8>) -> Result<()> {
+        let (actor, critics) = (self.actor.state()?, self.critics.state()?);
+        self.body.save(magic, &actor, &critics, bytes).map_err(plugin_error)
+    }
+
+    /// That of a learner without torch too; on an error nothing has changed.
+    fn load(&mut self, magic: &[u8], bytes: &[u8]) -> Result<()> {
+        let AgentState { actor, critics, body } = self.body.read(magic, bytes).map_err(plugin_error)?;
+        self.actor.check(&actor)?;
+        self.critics.check(&critics)?;
+        self.actor.restore(&actor)?;
+        self.critics.restore(&critics)?;
+        self.body.restore(body);
+        Ok(())
+    }
+}
+
+impl<P: Precision> TorchAgent<P> {
     /// Writes each member's smallest value, and returns whose it is. NaN is smaller than anything.
     fn smallest(&self, outputs: &[f32], values: &mut [f32]) -> Vec<usize> {
         let members = outputs.chunks_exact(self.networks_per_member).enumerate();
@@ -194,9 +180,7 @@ impl<P: Precision> TorchAgent<P> {
     /// Checks the whole batch before anything changes, and brings it to the networks.
     pub fn take_batch(&mut self, batch: &Batch<'_>) -> Result<Rows> {
         let size = batch.size;
-        check_finite("actions", batch.actions, size * self.body.scale.len())?;
-        check_batch(batch, self.observation_len(), self.members)?;
-        self.body.take_batch(batch.observations, batch.actions, batch.next_observations);
+        learner_kit::take_batch(&mut self.body, batch, self.members)?;
         let (buffers, device) = (&self.body.buffers, self.device);
         let bring = || -> Result<Rows, TchError> {
             // Members side by side in a row; each network of a member learns from the same rows.
@@ -230,7 +214,7 @@ impl<P: Precision> TorchAgent<P> {
         rows: &Rows,
         targets: &Tensor,
         loss: Loss,
-    ) -> Result<(Tensor, Found)> {
+    ) -> Result<(Tensor, CriticReport)> {
         let compute = || -> Result<(Tensor, Tensor, f64), TchError> {
             let values = self.critics.outputs_of(leaves, &rows.observations, Some(&rows.actions))?;
             let error = &values - targets;
@@ -247,7 +231,7 @@ impl<P: Precision> TorchAgent<P> {
             let mean = values.f_mean(Kind::Float)?.f_double_value(&[])?;
             Ok((gradient, losses.f_detach()?, mean))
         };
-        let (gradient, losses, mean_value) = compute().map_err(failed)?;
+        let (gradient, losses, value) = compute().map_err(failed)?;
         let losses = numbers(&losses)?;
         if let Some((critic, loss)) = losses.iter().enumerate().find(|(_, loss)| !loss.is_finite()) {
             return Err(Error::failed(format!(
@@ -255,7 +239,8 @@ impl<P: Precision> TorchAgent<P> {
                 critic / self.networks_per_member
             )));
         }
-        Ok((gradient, Found { losses, mean_value }))
+        let loss = losses.iter().map(|loss| f64::from(*loss)).sum::<f64>() / losses.len() as f64;
+        Ok((gradient, CriticReport { loss, value }))
     }
 
     /// The gradient of −mean Q(s, π(s)) with respect to the actor, over the batch and each member's first network; and its norm.
@@ -278,36 +263,6 @@ impl<P: Precision> TorchAgent<P> {
             return Err(Error::failed(format!("the actor's gradient is {norm}")));
         }
         Ok((gradient, norm))
-    }
-
-    /// Appends the state, in the form of `actor-critic`.
-    pub fn save(&self, magic: &[u8], bytes: &mut Vec<u8>) -> Result<()> {
-        let state = State {
-            actor: self.actor.state()?,
-            critics: self.critics.state()?,
-            noise: self.body.noise.clone(),
-            normaliser: self.body.normaliser.clone(),
-            rng: self.body.rng.clone(),
-        };
-        write_state(magic, &state, bytes).map_err(plugin_error)
-    }
-
-    /// Continues from a state, that of a learner without torch too; on an error nothing has changed.
-    pub fn load(&mut self, magic: &[u8], bytes: &[u8]) -> Result<()> {
-        let state: State = read_state(magic, bytes).map_err(plugin_error)?;
-        if state.noise.dimensions() != self.body.noise.dimensions() {
-            return Err(Error::invalid_argument("the saved noise has another number of dimensions"));
-        }
-        Normaliser::check_alike(self.body.normaliser.as_ref(), state.normaliser.as_ref())
-            .map_err(plugin_error)?;
-        self.actor.check(&state.actor)?;
-        self.critics.check(&state.critics)?;
-        self.actor.restore(&state.actor)?;
-        self.critics.restore(&state.critics)?;
-        self.body.noise.continue_from(state.noise);
-        self.body.normaliser = state.normaliser;
-        self.body.rng = state.rng;
-        Ok(())
     }
 }
 

@@ -1,8 +1,8 @@
 //! Networks of one shape as one tensor, with target networks and Adam's moments. Layout, initial weights and arithmetic are those of
 //! `actor-critic`, so that a state of one is a state of the other.
 
-use actor_critic::{Activation, Adam};
-use serde::{Deserialize, Serialize};
+use actor_critic::{Activation, Adam, EnsembleState};
+use learner_kit::plugin_error;
 use shield_api::{Error, Result};
 use tch::{Device, Kind, TchError, Tensor, no_grad};
 
@@ -103,16 +103,6 @@ impl Shape {
         }
         x.f_to_kind(Kind::Float)
     }
-}
-
-/// What networks remember, as `actor-critic` saves it.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub struct NetworksState {
-    weights: Vec<f32>,
-    targets: Vec<f32>,
-    first_moments: Vec<f32>,
-    second_moments: Vec<f32>,
-    steps: u64,
 }
 
 /// Some networks; every tensor is `networks × parameters`.
@@ -240,8 +230,8 @@ impl Networks {
     }
 
     /// Everything that must be kept to continue.
-    pub fn state(&self) -> Result<NetworksState> {
-        Ok(NetworksState {
+    pub fn state(&self) -> Result<EnsembleState<f32>> {
+        Ok(EnsembleState {
             weights: numbers(&self.weights)?,
             targets: numbers(&self.targets)?,
             first_moments: numbers(&self.first)?,
@@ -251,18 +241,12 @@ impl Networks {
     }
 
     /// Whether the state belongs here.
-    pub fn check(&self, state: &NetworksState) -> Result<()> {
-        let NetworksState { weights, targets, first_moments, second_moments, .. } = state;
-        for part in [weights, targets, first_moments, second_moments] {
-            if part.len() != self.weights.numel() || part.iter().any(|value| !value.is_finite()) {
-                return Err(Error::invalid_argument("the saved state belongs to other networks"));
-            }
-        }
-        Ok(())
+    pub fn check(&self, state: &EnsembleState<f32>) -> Result<()> {
+        state.check(self.weights.numel()).map_err(plugin_error)
     }
 
     /// Continues from a state that was [checked](Self::check).
-    pub fn restore(&mut self, state: &NetworksState) -> Result<()> {
+    pub fn restore(&mut self, state: &EnsembleState<f32>) -> Result<()> {
         let put = |values: &[f32]| -> Result<Tensor, TchError> {
             Tensor::f_from_slice(values)?.f_view_as(&self.weights)?.f_to_device(self.weights.device())
         };

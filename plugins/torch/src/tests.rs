@@ -1,5 +1,6 @@
 //! The suites of all learners, as far as torch promises what they ask.
-use shield_api::{ActMode, Learner, Space, Spaces};
+use learner_kit::AgentConfig;
+use shield_api::Plugin;
 
 use conformance::Settings;
 
@@ -22,61 +23,30 @@ mod torchscript;
 
 /// What the tests know of a learner, and the tests themselves.
 macro_rules! learner_tests {
-    ($module:ident, $learner:ty, $magic:literal, $networks:literal, plain: $plain:expr, changes: $changes:expr, impossible: $impossible:expr) => {
+    ($module:ident, $learner:ty, $networks:literal, plain: $plain:expr, changes: $changes:expr, impossible: $impossible:expr) => {
         mod $module {
             use super::*;
 
-            impl conformance::Subject for $learner {
-                fn small() -> Settings {
-                    continuous::small()
-                }
-
-                fn changes() -> Settings {
-                    continuous::changes(&$changes)
-                }
-
-                fn impossible() -> Settings {
-                    continuous::impossible(&$impossible)
-                }
-
-                fn spaces() -> Spaces {
-                    continuous::spaces()
-                }
-
-                fn impossible_actions() -> Vec<Space> {
-                    continuous::impossible_actions()
-                }
-            }
-
-            impl gradients::Inside for $learner {
-                type State = continuous::State;
-                const MAGIC: &'static [u8] = $magic;
+            impl continuous::Continuous for $learner {
+                const MAGIC: &'static [u8] = <<$learner as Plugin>::Config as AgentConfig>::MAGIC;
                 const NETWORKS: usize = $networks;
 
                 fn plain() -> Settings {
                     $plain
                 }
 
-                fn critics(state: &mut continuous::State) -> &mut gradients::Networks {
-                    &mut state.critics
+                fn own_changes() -> Settings {
+                    $changes
                 }
 
-                fn actor(state: &mut continuous::State) -> Option<&mut gradients::Networks> {
-                    Some(&mut state.actor)
+                fn own_impossible() -> Settings {
+                    $impossible
                 }
 
                 fn network_value(&mut self, network: usize, observation: &[f32], action: &[f32]) -> f32 {
                     let seen = self.agent.rows_of(observation, 1).unwrap();
                     let unit = self.agent.rows_of(&continuous::to_unit(action), 1).unwrap();
                     numbers(&self.agent.critics.outputs(&seen, Some(&unit)).unwrap()).unwrap()[network]
-                }
-
-                fn next_value(&mut self, member: usize, observation: &[f32]) -> f32 {
-                    let mut action = [0.0; 2];
-                    self.act(observation, ActMode::Greedy, &mut action).unwrap();
-                    let networks = member * $networks..(member + 1) * $networks;
-                    let values = networks.map(|network| self.network_value(network, observation, &action));
-                    values.fold(f32::INFINITY, f32::min)
                 }
             }
 
@@ -112,11 +82,11 @@ macro_rules! learner_tests {
     };
 }
 
-learner_tests!(ddpg, Ddpg<F32>, b"shield/ddpg/1\n", 1,
+learner_tests!(ddpg, Ddpg<F32>, 1,
     plain: Settings::new(),
-    changes: [("loss", "Squared")],
-    impossible: []);
-learner_tests!(td3, Td3<F32>, b"shield/td3/1\n", 2,
+    changes: vec![("loss", "Squared")],
+    impossible: Settings::new());
+learner_tests!(td3, Td3<F32>, 2,
     plain: vec![("target_sigma", "0.0"), ("policy_delay", "1")],
-    changes: [("policy_delay", "3"), ("target_sigma", "0.1"), ("target_clip", "0.1"), ("loss", "Huber")],
-    impossible: [("policy_delay", "0"), ("target_sigma", "-0.1"), ("target_clip", "NaN")]);
+    changes: vec![("policy_delay", "3"), ("target_sigma", "0.1"), ("target_clip", "0.1"), ("loss", "Huber")],
+    impossible: vec![("policy_delay", "0"), ("target_sigma", "-0.1"), ("target_clip", "NaN")]);

@@ -1,9 +1,7 @@
 //! An abort rule: where the reset ensemble's members disagree, nobody knows whether the action can be undone.
 #![forbid(unsafe_code)]
 
-use std::fmt::Write;
-
-use rule_kit::{Row, require_finite, require_values};
+use rule_kit::{Row, explain, mean, require_finite, require_values};
 use serde::Deserialize;
 use shield_api::{
     AbortRule, Error, Needs, Plugin, Reason, Result, Rows, RuleContext, RuleVerdict, Setup, check_finite,
@@ -52,12 +50,8 @@ impl Plugin for Uncertainty {
     }
 }
 
-fn mean(values: &[f32]) -> f64 {
-    values.iter().copied().map(f64::from).sum::<f64>() / values.len() as f64
-}
-
 fn standard_deviation(values: &[f32]) -> f64 {
-    let mean = mean(values);
+    let mean = mean(values.iter().copied());
     let squares = values.iter().map(|value| (f64::from(*value) - mean).powi(2));
     (squares.sum::<f64>() / values.len() as f64).sqrt()
 }
@@ -89,7 +83,7 @@ impl Uncertainty {
         match self.spread {
             Spread::Std => {
                 let deviation = standard_deviation(values);
-                let distance = f64::from(values[member]) - mean(values);
+                let distance = f64::from(values[member]) - mean(values.iter().copied());
                 if deviation == 0.0 { 0.0 } else { distance / (values.len() as f64 * deviation) }
             }
             Spread::Range => {
@@ -113,9 +107,9 @@ impl AbortRule for Uncertainty {
         // Written so that NaN rejects.
         let is_safe = spread <= self.limit;
         if !is_safe {
-            let (measure, members) = (self.spread, values.len());
-            write!(reason, "the {measure:?} of {members} reset values is {spread}, above {}", self.limit)
-                .map_err(|error| Error::failed(error.to_string()))?;
+            let (measure, members, limit) = (self.spread, values.len(), self.limit);
+            let words = format_args!("the {measure:?} of {members} reset values is {spread}, above {limit}");
+            explain(reason, words)?;
         }
         Ok(RuleVerdict::from_safe(is_safe, spread))
     }
@@ -144,44 +138,25 @@ shield_api::export_plugin! {
 }
 
 #[cfg(test)]
+#[path = "../../../tests/rules/support.rs"]
+mod support;
+
+#[cfg(test)]
 mod tests {
+    use shield_api::{ErrorKind, PluginConfig, Verdict};
+
     use super::*;
-    use shield_api::{Checkpoint, ErrorKind, Host, Phase, PluginConfig, Verdict};
+    use crate::support::{
+        assert_gradients_are_checked, assert_stateless, context, create, judge, rows, rule,
+    };
 
-    fn rule(config: &str) -> Uncertainty {
-        Uncertainty::create(Config::parse(config).unwrap(), &Setup::new(0, 1, Host::silent())).unwrap()
-    }
-
-    fn context<'a>(values: &'a [f32], proposed: &'a [f32]) -> RuleContext<'a> {
-        RuleContext {
-            step: 0,
-            observation: &[0.0],
-            proposed,
-            previous: None,
-            values,
-            greedy_values: &[],
-            forward_values: &[],
-            discount: 0.99,
-            phase: Phase::Forward,
-        }
-    }
-
-    fn judge(config: &str, values: &[f32]) -> RuleVerdict {
-        rule(config).evaluate(&context(values, &[0.0]), &mut Reason::new(&mut [])).unwrap()
+    fn measure(config: &str, values: &[f32]) -> RuleVerdict {
+        judge(&rule::<Uncertainty>(config), &context(values, &[0.0])).0
     }
 
     fn row(config: &str, values: &[f32], proposed: &[f32], gradients: &[f32]) -> (Vec<f32>, f32) {
-        struct Collected(Vec<(Vec<f32>, f32)>);
-        impl Rows for Collected {
-            fn push(&mut self, coefficients: &[f32], bound: f32) -> Result<()> {
-                self.0.push((coefficients.to_vec(), bound));
-                Ok(())
-            }
-        }
-        let mut collected = Collected(Vec::new());
-        rule(config).linearise(&context(values, proposed), gradients, &mut collected).unwrap();
-        assert_eq!(collected.0.len(), 1);
-        collected.0.remove(0)
+        let rows = rows(&rule::<Uncertainty>(config), &context(values, proposed), gradients).unwrap();
+        <[_; 1]>::try_from(rows).unwrap().into_iter().next().unwrap()
     }
 
     #[test]
@@ -194,21 +169,22 @@ mod tests {
             ("(spread: Range)", 7.0, Verdict::Reject),
             ("(spread: Range, limit: 7.0)", 7.0, Verdict::Allow),
         ] {
-            let judged = judge(config, &values);
+            let judged = measure(config, &values);
             assert_eq!((judged.score, judged.verdict), (score, verdict), "{config}");
         }
-        assert_eq!(judge("(limit: 0.0)", &[3.0]).verdict, Verdict::Allow, "one member agrees with itself");
+        assert_eq!(measure("(limit: 0.0)", &[3.0]).verdict, Verdict::Allow, "one member agrees with itself");
     }
 
     #[test]
     fn non_finite_values_are_rejected_and_missing_ones_are_errors() {
         for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY] {
             for spread in ["Std", "Range"] {
-                let judged = judge(&format!("(spread: {spread})"), &[1.0, bad]);
+                let judged = measure(&format!("(spread: {spread})"), &[1.0, bad]);
                 assert!(judged.verdict == Verdict::Reject && judged.score.is_nan(), "{spread} {bad}");
             }
         }
-        assert!(rule("()").evaluate(&context(&[], &[0.0]), &mut Reason::new(&mut [])).is_err());
+        let missing = context(&[], &[0.0]);
+        assert!(rule::<Uncertainty>("()").evaluate(&missing, &mut Reason::new(&mut [])).is_err());
     }
 
     #[test]
@@ -220,10 +196,10 @@ mod tests {
         for spread in ["Std", "Range"] {
             let config = format!("(limit: 1.5, spread: {spread})");
             let (row, bound) = row(&config, &values(proposed), &proposed, &gradients);
-            let measure = |action| f64::from(judge(&config, &values(action)).score);
+            let spread_at = |action| f64::from(measure(&config, &values(action)).score);
             let excess = |action: [f32; 2]| f64::from(row[0] * action[0] + row[1] * action[1] - bound);
             for action in [proposed, [0.21, 0.1], [0.2, 0.11], [0.19, 0.09]] {
-                let expected = measure(action) - 1.5;
+                let expected = spread_at(action) - 1.5;
                 assert!((excess(action) - expected).abs() < 1e-4, "{spread} {action:?}");
             }
         }
@@ -232,32 +208,19 @@ mod tests {
 
     #[test]
     fn truncated_and_nan_gradients_give_no_row() {
-        struct Refusing;
-        impl Rows for Refusing {
-            fn push(&mut self, _: &[f32], _: f32) -> Result<()> {
-                panic!("no row may be pushed");
-            }
-        }
-        for gradients in [&[1.0][..], &[1.0, f32::NAN], &[]] {
-            let context = context(&[8.0, 9.0], &[0.0]);
-            assert!(rule("()").linearise(&context, gradients, &mut Refusing).is_err(), "{gradients:?}");
-        }
+        assert_gradients_are_checked(&rule::<Uncertainty>("()"));
     }
 
     #[test]
     fn an_invalid_limit_is_refused() {
         for text in ["(limit: NaN)", "(limit: inf)", "(limit: -1.0)"] {
-            let made = Uncertainty::create(Config::parse(text).unwrap(), &Setup::new(0, 1, Host::silent()));
-            assert_eq!(made.unwrap_err().kind(), ErrorKind::InvalidConfig, "{text}");
+            assert_eq!(create::<Uncertainty>(text).unwrap_err().kind(), ErrorKind::InvalidConfig, "{text}");
         }
         assert!(Config::parse("(spread: Variance)").is_err());
     }
 
     #[test]
     fn a_foreign_state_is_refused() {
-        let (mut bytes, mut rule) = (Vec::new(), rule("()"));
-        rule.save(&mut bytes).unwrap();
-        rule.load(&bytes).unwrap();
-        assert!(rule.load(&[1]).is_err());
+        assert_stateless(rule::<Uncertainty>("()"));
     }
 }
