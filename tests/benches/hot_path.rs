@@ -133,11 +133,11 @@ fn batch(criterion: &mut Criterion) {
             world.hard_reset(None, seed).expect("a reset");
             world
         };
-        let mut batch = Batch::new((0..WORLDS as u64).map(world).collect(), threads).expect("a batch");
+        let mut batch = Lanes::new((0..WORLDS as u64).map(world).collect(), threads).expect("a batch");
         batch.lanes().iter_mut().for_each(|lane| lane.is_running = true);
         batch
     };
-    let round = |batch: &mut Batch| {
+    let round = |batch: &mut Lanes| {
         for _ in 0..EPISODE {
             batch.step();
             for lane in batch.lanes() {

@@ -31,6 +31,15 @@ fn marking(folder: &Path) -> (PathBuf, PathBuf) {
     (library, mark)
 }
 
+/// Says that it is over, also when a test fails.
+struct Over<'a>(&'a AtomicBool);
+
+impl Drop for Over<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Relaxed);
+    }
+}
+
 /// Calls `load` again and again with a path at which two libraries are exchanged meanwhile: `right`, a new copy of it each time, and `wrong`.
 fn while_exchanged(right: &Path, wrong: &Path, rounds: usize, mut load: impl FnMut(&Path)) {
     let folder = tempdir().unwrap();
@@ -50,8 +59,8 @@ fn while_exchanged(right: &Path, wrong: &Path, rounds: usize, mut load: impl FnM
                     }
                 }
             });
+            let _over = Over(&is_over);
             load(&at("lib.so"));
-            is_over.store(true, Relaxed);
         });
         for name in ["lib.so", "right", "wrong"] {
             fs::remove_file(at(name)).unwrap();

@@ -85,6 +85,9 @@ pub(super) struct Declared {
     pub overrides: Vec<Override>,
 }
 
+/// A variant's name and the paths that it overrides.
+type Named = (String, Vec<(String, IgnoredAny)>);
+
 /// The variants of a file whose tree is `root`, in its order.
 pub(super) fn declared(file: &ExperimentFile, root: &Node) -> Result<Vec<Declared>, Fault> {
     let VariantsOnly { variants } = from_node(&file.text, root)?;
@@ -93,7 +96,7 @@ pub(super) fn declared(file: &ExperimentFile, root: &Node) -> Result<Vec<Declare
         let message = format!("there are {} variants; at most {MOST_VARIANTS} are read", written.len());
         return Err(Fault::new(beyond.key_node.span.start, message));
     }
-    let variant = |((name, pairs), entry): ((String, Vec<(String, IgnoredAny)>), &Entry)| {
+    let variant = |((name, pairs), entry): (Named, &Entry)| {
         let overrides = pairs.into_iter().zip(entry.value.items());
         let overrides = overrides.filter_map(|((path, _), pair)| {
             let [at_path, at_value] = pair.items() else { return None };
