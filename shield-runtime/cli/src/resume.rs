@@ -32,7 +32,7 @@ pub fn run(arguments: &ResumeArguments, registry: &Registry) -> Result<(), Failu
             let (identity, variant) =
                 of_folder(&folder, &[]).map_err(|error| Failure::Input(format!("{error:#}")))?;
             if seen.insert(folder.path().to_owned()) {
-                jobs.push(Job { variant, identity, folder });
+                jobs.push(Job { variant, identity, folder, prepared: None });
             }
         }
     }

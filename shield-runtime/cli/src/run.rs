@@ -5,7 +5,7 @@ use std::{num::NonZeroUsize, path::PathBuf};
 use clap::Args;
 use shield_config::experiment::{ExperimentFile, Override, Variant};
 use shield_host::plugin::Registry;
-use shield_lab::run::{Identity, RunFolder, prepare};
+use shield_lab::run::{Identity, Prepared, RunFolder, prepare};
 use shield_report::report::Record;
 
 use super::{
@@ -49,9 +49,13 @@ pub fn run(arguments: &RunArguments, registry: &Registry) -> Result<(), Failure>
     let file = ExperimentFile::read(&arguments.experiment)?;
     let variants = file.variants(&overrides(arguments)?, arguments.variants.as_deref())?;
     // Everything that can be wrong with the input shows before the first folder is written.
+    let mut prepared = Vec::new();
     for variant in &variants {
-        prepare(registry, variant, variant.experiment.seeds[0])?;
+        prepared.push(Some(prepare(registry, variant, variant.experiment.seeds[0])?));
     }
+    // What begins at once is not made again; more would only wait, an environment's process too.
+    let workers = std::thread::available_parallelism().map_or(1, usize::from);
+    prepared.iter_mut().skip(workers).for_each(|later| *later = None);
     let record = match &arguments.record {
         Some(path) if path.exists() => {
             Some(Record::read(path).map_err(|error| Failure::Input(format!("{error:#}")))?)
@@ -66,7 +70,7 @@ pub fn run(arguments: &RunArguments, registry: &Registry) -> Result<(), Failure>
     Session::new(registry, arguments.jobs)
         .with_overwrite(arguments.overwrite)
         .with_record(record)
-        .work(jobs(arguments, &variants))?;
+        .work(jobs(arguments, &variants, prepared))?;
     let folder = arguments.out.join(&variants[0].experiment.name);
     match &arguments.record {
         Some(record) if !folder.exists() => {
@@ -93,9 +97,9 @@ fn overrides(arguments: &RunArguments) -> Result<Vec<Override>, Failure> {
 }
 
 /// Seed by seed, so that the first results of every variant come early.
-fn jobs(arguments: &RunArguments, variants: &[Variant]) -> Vec<Job> {
+fn jobs(arguments: &RunArguments, variants: &[Variant], prepared: Vec<Option<Prepared>>) -> Vec<Job> {
     let mut jobs: Vec<(usize, Job)> = Vec::new();
-    for variant in variants {
+    for (variant, mut prepared) in variants.iter().zip(prepared) {
         for (position, seed) in variant.experiment.seeds.iter().enumerate() {
             let identity = Identity {
                 experiment: variant.experiment.name.clone(),
@@ -103,7 +107,8 @@ fn jobs(arguments: &RunArguments, variants: &[Variant]) -> Vec<Job> {
                 seed: *seed,
             };
             let folder = RunFolder::new(&arguments.out, &identity);
-            jobs.push((position, Job { variant: variant.clone(), identity, folder }));
+            let prepared = prepared.take();
+            jobs.push((position, Job { variant: variant.clone(), identity, folder, prepared }));
         }
     }
     jobs.sort_by_key(|(position, _)| *position);

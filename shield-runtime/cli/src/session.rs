@@ -15,7 +15,7 @@ use anyhow::{Result, anyhow};
 use indicatif::MultiProgress;
 use shield_config::experiment::Variant;
 use shield_host::plugin::Registry;
-use shield_lab::run::{Identity, Order, RunFolder, Standing, Summary};
+use shield_lab::run::{Identity, Order, Prepared, RunFolder, Standing, Summary};
 use shield_report::report::Record;
 
 use super::{Failure, output, progress::Progress, table};
@@ -28,6 +28,8 @@ pub struct Job {
     pub identity: Identity,
     /// Where it is written.
     pub folder: RunFolder,
+    /// What was made for it already, when the input was checked.
+    pub prepared: Option<Prepared>,
 }
 
 impl Job {
@@ -198,8 +200,9 @@ impl<'a> Session<'a> {
 
     /// Takes one job after the other, until there are no more.
     fn work_off(&self, queue: &Mutex<VecDeque<Job>>, outcomes: &Mutex<&mut Outcomes>) {
-        while let Some(job) = next(queue) {
-            let outcome = catch_unwind(AssertUnwindSafe(|| self.run_one(&job)))
+        while let Some(mut job) = next(queue) {
+            let prepared = job.prepared.take();
+            let outcome = catch_unwind(AssertUnwindSafe(|| self.run_one(&job, prepared)))
                 .unwrap_or_else(|_| Err(anyhow!("the shield itself panicked; please report it")));
             let mut outcomes = outcomes.lock().unwrap_or_else(PoisonError::into_inner);
             match outcome {
@@ -211,10 +214,10 @@ impl<'a> Session<'a> {
         }
     }
 
-    fn run_one(&self, job: &Job) -> Result<Summary> {
+    fn run_one(&self, job: &Job, prepared: Option<Prepared>) -> Result<Summary> {
         let order = job.order(self.registry);
         let launch = match self.overwrite || !job.folder.is_begun()? {
-            true => order.begin(self.overwrite)?,
+            true => order.begin(prepared, self.overwrite)?,
             false => order.proceed()?,
         };
         let name = format!("{} seed {}", job.identity.variant, job.identity.seed);

@@ -220,7 +220,7 @@ fn a_run_that_another_process_writes_is_left_alone() {
     let run = unfinished(Sabotage::Crash(55));
     let before = listing(run.folder.path());
     let lock = LockedCheckpoints::of(run.folder.path()).unwrap().unwrap();
-    for failed in [run.order().proceed(), run.order().begin(true)] {
+    for failed in [run.order().proceed(), run.order().begin(None, true)] {
         let message = format!("{:#}", failed.err().unwrap());
         assert!(message.contains("another process"), "{message}");
     }
@@ -271,9 +271,9 @@ fn a_folder_with_something_else_is_no_run_to_begin_in() {
     fs::write(run.folder.path().join("notes.txt"), "mine").unwrap();
     let before = listing(run.folder.path());
     assert!(matches!(run.order().standing(), Ok(Standing::Foreign)));
-    assert!(run.order().begin(false).is_err() && run.order().proceed().is_err());
+    assert!(run.order().begin(None, false).is_err() && run.order().proceed().is_err());
     assert_same(&before, &listing(run.folder.path()), "a folder with notes");
-    run.order().begin(true).unwrap();
+    run.order().begin(None, true).unwrap();
     assert!(!run.folder.path().join("notes.txt").exists());
 }
 
@@ -289,7 +289,7 @@ fn unfinished_runs(seeds: u64) -> TempDir {
         let order = Order { registry: registry(), variant, identity: &identity, folder: &folder };
         let stop = AtomicBool::new(false);
         let saboteur = Saboteur { sabotage: Sabotage::Crash(55), stop: &stop };
-        order.begin(false).unwrap().run(saboteur, &stop).unwrap_err();
+        order.begin(None, false).unwrap().run(saboteur, &stop).unwrap_err();
         fs::write(folder.path().join("notes.txt"), "mine").unwrap();
     }
     home

@@ -56,7 +56,7 @@ impl Run {
     fn go(&self, sabotage: Sabotage) -> u64 {
         let order = self.order();
         let launch = match order.standing().unwrap() {
-            Standing::Missing => order.begin(false),
+            Standing::Missing => order.begin(None, false),
             _ => order.proceed(),
         };
         let launch = launch.unwrap();
@@ -340,7 +340,7 @@ fn two_processes_cannot_write_one_run() {
     let first = run.order().proceed().unwrap();
     let error = run.order().proceed().err().unwrap().to_string();
     assert!(error.contains("another process"), "{error}");
-    let error = run.order().begin(true).err().unwrap().to_string();
+    let error = run.order().begin(None, true).err().unwrap().to_string();
     assert!(error.contains("another process"), "{error}");
     drop(first);
     assert!(run.order().proceed().is_ok());

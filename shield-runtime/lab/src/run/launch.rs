@@ -85,12 +85,12 @@ impl Order<'_> {
         })
     }
 
-    /// Begins the run in a new folder; with `overwrite`, what stood there is removed.
+    /// Begins the run in a new folder, with what was `prepared` for it, or prepares it. With `overwrite`, what stood there is removed.
     ///
     /// # Errors
     /// A plugin refuses, something is there, another process writes the run, or a file cannot be written. Then nothing is left of this launch.
-    pub fn begin(&self, overwrite: bool) -> Result<Launch> {
-        let prepared = self.prepare()?;
+    pub fn begin(&self, prepared: Option<Prepared>, overwrite: bool) -> Result<Launch> {
+        let prepared = prepared.map_or_else(|| self.prepare(), Ok)?;
         let provenance = self.provenance()?;
         let plugins = self.plugins_json()?;
         // No other process may write the run while it is removed.
