@@ -51,7 +51,7 @@ macro_rules! describe_agent {
         }
 
         impl $config {
-            /// Refuses values that cannot be. Sizes of networks are checked where these are built.
+            /// Refuses values that cannot be.
             fn check_common(&self) -> Result<(), actor_critic::Error> {
                 use actor_critic::{
                     check_finite_setting, check_layers, check_not_negative, check_positive, check_share,
