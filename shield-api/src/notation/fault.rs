@@ -77,7 +77,7 @@ impl de::Error for Fault {
     }
 
     fn invalid_length(length: usize, expected: &dyn de::Expected) -> Self {
-        Self::unplaced(format!("expected {expected}, found {length} values"))
+        Self::unplaced(format!("expected {expected}, found {}", values(length)))
     }
 
     fn unknown_variant(variant: &str, expected: &'static [&'static str]) -> Self {
@@ -103,6 +103,11 @@ fn unknown(what: &str, found: &str, known: &[&str]) -> Fault {
         _ => format!("there is no {what} `{}`, only {}", shown(found), listed(known.iter().copied(), "and")),
     };
     Fault::unplaced(message).with_remedy(did_you_mean(found, known.iter().copied()))
+}
+
+/// So many values.
+pub(super) fn values(count: usize) -> String {
+    if count == 1 { "1 value".into() } else { format!("{count} values") }
 }
 
 /// Names to choose from.

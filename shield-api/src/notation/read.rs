@@ -5,7 +5,7 @@ use serde::de::{Deserializer, Visitor};
 use super::{
     Entry, Fault, Kind, Node, RAW_VALUE,
     access::{Entries, Items, Named, Variant},
-    fault::{one_of, shown},
+    fault::{one_of, shown, values},
 };
 
 /// A value that can be read.
@@ -112,7 +112,7 @@ impl<'de, 'tree> Value<'de, 'tree> {
     pub fn tuple<V: Visitor<'de>>(self, length: usize, visitor: V) -> Result<V::Value, Fault> {
         match &self.node.kind {
             Kind::Tuple(items) => self.items(items, visitor),
-            _ => Err(self.unlike(&format!("{length} values in brackets `(…)`"))),
+            _ => Err(self.unlike(&format!("{} in brackets `(…)`", values(length)))),
         }
     }
 
@@ -122,7 +122,7 @@ impl<'de, 'tree> Value<'de, 'tree> {
         let rest = access.rest();
         let Some(extra) = rest.first() else { return Ok(value) };
         let (taken, found) = (items.len() - rest.len(), items.len());
-        Err(Self::new(self.text, extra).fault(format!("expected {taken} values, found {found}")))
+        Err(Self::new(self.text, extra).fault(format!("expected {}, found {found}", values(taken))))
     }
 
     fn entries<V: Visitor<'de>>(

@@ -166,7 +166,7 @@ fn a_fault_says_what_was_expected_and_what_was_found() {
     check::<Vec<u8>>("@(1, 2)", "expected a list `[…]`, found a tuple `(…)`");
     check::<(u8, u8)>("@[1, 2]", "expected 2 values in brackets `(…)`, found a list `[…]`");
     check::<(u8, u8)>("(1, 2, @3)", "expected 2 values, found 3");
-    check::<(u8, u8)>("@(1)", "expected a tuple of size 2, found 1 values");
+    check::<(u8, u8)>("@(1)", "expected a tuple of size 2, found 1 value");
     check::<bool>("@Yes", "expected true or false, found Yes");
     check::<char>("@\"a\"", "expected a character, as in `'a'`, found \"a\"");
     check::<()>("@None", "expected `()`, found None");
