@@ -173,8 +173,8 @@ fn a_text_of_any_depth_or_length_is_refused_with_its_place() {
         refused(&deep(levels), &[], &["x.ron:1:129: ", too_deep]);
     }
     refused(&good, &["--set", &format!("reset.config={}", deep(200))], &["--set reset.config=", too_deep]);
-    let nested = format!("environment.config{}=1", ".x".repeat(126));
-    refused(&good, &["--set", &nested], &["--set environment.config.x", too_deep]);
+    let nested = format!("environment.config{}=1", ".x".repeat(127));
+    refused(&good, &["--set", &nested], &["--set environment.config.x", "more than 128 parts"]);
     let long = format!("{good}//{}", "x".repeat(5 << 20));
     refused(&long, &[], &["x.ron:16:", "at most 4194304 are read"]);
     let twice = good.replace("steps: 100,", "steps: 100,\n    steps: 200,");
