@@ -23,7 +23,8 @@ fn pipe(path: &Path) -> PathBuf {
 
 /// What `shield` says in `folder`; panics if it does not end.
 fn ends(command: &mut Command, folder: &Path) -> Output {
-    let command = command.current_dir(folder).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
+    let command =
+        command.current_dir(folder).stdin(Stdio::null()).stdout(Stdio::piped()).stderr(Stdio::piped());
     let child = command.spawn().unwrap();
     let process = child.id();
     let (sender, output) = channel();
@@ -73,7 +74,8 @@ fn a_named_pipe_among_the_plugins_is_listed_with_its_reason() {
     pipe(&folder.path().join("libpipe.so"));
     let path = std::env::join_paths([folder.path(), &plugins_folder()]).unwrap();
     let output = ends(shield().env("SHIELD_PLUGIN_PATH", path).args(["plugin", "list"]), folder.path());
-    let listed = String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
+    let listed =
+        String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success() && listed.contains("named pipe"), "{listed}");
 }
 

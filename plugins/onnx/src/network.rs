@@ -11,7 +11,10 @@ use shield_api::{Error, Result, regular_file};
 use tract_onnx::data_resolver::ModelDataResolver;
 use tract_onnx::model::ParseResult;
 use tract_onnx::prelude::*;
-use tract_onnx::tract_hir::{infer::Factoid, internal::DimLike};
+use tract_onnx::tract_hir::{
+    infer::Factoid,
+    internal::{DimLike, TractErrorContext as _, bail},
+};
 
 /// A network that was read, checked against the observation, and prepared for a batch of one.
 pub struct Network {

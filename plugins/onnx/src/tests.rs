@@ -1,4 +1,10 @@
+use prost::Message as _;
 use shield_api::{ErrorKind, Host, PluginConfig};
+use tract_onnx::{
+    onnx,
+    pb::{StringStringEntryProto, tensor_proto::DataLocation},
+    prelude::Framework as _,
+};
 
 use super::*;
 
@@ -87,6 +93,52 @@ fn a_missing_or_broken_file_is_not_named() {
     assert!(message.contains("ONNX"), "{message}");
     let message = Onnx::create(OnnxConfig::default(), &setup).err().unwrap().to_string();
     assert!(message.contains("`path` names no file"), "{message}");
+}
+
+/// The network "flat", whose weights lie in the file `weights` beside it.
+fn with_weights_beside(folder: &std::path::Path) -> OnnxConfig {
+    let mut network = onnx().proto_model_for_path(path("flat")).unwrap();
+    let weights = &mut network.graph.as_mut().unwrap().initializer[0];
+    let bytes: Vec<u8> = weights.float_data.drain(..).flat_map(f32::to_le_bytes).collect();
+    let beside = [("location", "weights"), ("offset", "4"), ("length", "24")];
+    weights.data_location = Some(DataLocation::External as i32);
+    weights.external_data = beside.map(|(key, value)| entry(key, value)).into();
+    std::fs::write(folder.join("weights"), [&[0; 4], bytes.as_slice()].concat()).unwrap();
+    let file = folder.join("network.onnx");
+    std::fs::write(&file, network.encode_to_vec()).unwrap();
+    OnnxConfig { path: file.display().to_string(), ..OnnxConfig::default() }
+}
+
+fn entry(key: &str, value: &str) -> StringStringEntryProto {
+    StringStringEntryProto { key: key.into(), value: value.into() }
+}
+
+#[test]
+fn a_network_and_its_weights_are_read_from_regular_files_alone() {
+    let folder = tempfile::tempdir().unwrap();
+    let pipe = |path: &std::path::Path| {
+        assert!(std::process::Command::new("mkfifo").arg(path).status().unwrap().success());
+    };
+    let setup = Setup::with_spaces(0, 1, Host::silent(), spaces(3, two_actions()));
+    let config = with_weights_beside(folder.path());
+    let mut action = [0.0; 2];
+    Onnx::create(config.clone(), &setup).unwrap().act(&[0.5, 0.25, -1.0], &mut action).unwrap();
+    assert_eq!(action, [0.75, -2.0]);
+
+    let refused = |config: OnnxConfig| Onnx::create(config, &setup).err().unwrap().to_string();
+    let weights = folder.path().join("weights");
+    std::fs::write(&weights, [0; 27]).unwrap();
+    let message = refused(config.clone());
+    assert!(message.contains("weights ends before byte 28"), "{message}");
+    std::fs::remove_file(&weights).unwrap();
+    pipe(&weights);
+    let message = refused(config);
+    assert!(message.contains("weights cannot be read: it is a named pipe"), "{message}");
+
+    let file = folder.path().join("pipe.onnx");
+    pipe(&file);
+    let message = refused(OnnxConfig { path: file.display().to_string(), ..OnnxConfig::default() });
+    assert!(message.contains("pipe.onnx: cannot be read: it is a named pipe"), "{message}");
 }
 
 #[test]

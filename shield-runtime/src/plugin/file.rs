@@ -113,7 +113,8 @@ impl LibraryFile {
     pub(super) fn sha256(&self) -> Result<String, PluginError> {
         let (mut hasher, mut block, mut offset) = (Sha256::new(), vec![0; BLOCK], 0);
         loop {
-            let count = self.file.read_at(&mut block, offset).map_err(|error| unreadable(&self.path, &error))?;
+            let count =
+                self.file.read_at(&mut block, offset).map_err(|error| unreadable(&self.path, &error))?;
             if count == 0 {
                 break;
             }

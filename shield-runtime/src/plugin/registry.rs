@@ -282,9 +282,7 @@ impl Registry {
     pub fn identify(&self, choice: &Selection, kind: Kind) -> Result<Identity, PluginError> {
         let path = self.file(choice, kind)?;
         let (manifests, sha256) = match self.loaded(&path) {
-            Some(library) => {
-                (library.manifests().cloned().collect(), self.fingerprints.of(library.file())?)
-            }
+            Some(library) => (library.manifests().cloned().collect(), self.fingerprints.of(library.file())?),
             None => {
                 let file = LibraryFile::open(&path)?;
                 (manifests_in(&file)?, self.fingerprints.of(&file)?)

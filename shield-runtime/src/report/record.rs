@@ -112,7 +112,8 @@ impl Record {
         };
         let config = folder.config()?;
         let plugins = path.join("plugins.json");
-        let text = regular_file::read(&plugins).with_context(|| format!("{} cannot be read", plugins.display()))?;
+        let text =
+            regular_file::read(&plugins).with_context(|| format!("{} cannot be read", plugins.display()))?;
         let plugins = serde_json::from_slice(&text)
             .with_context(|| format!("{} is not a list of plugins", plugins.display()))?;
         let known = self.variants.iter_mut().find(|variant| variant.name == identity.variant);

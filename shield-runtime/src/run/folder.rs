@@ -119,7 +119,8 @@ impl RunFolder {
         if !path.exists() {
             return Ok(None);
         }
-        let bytes = regular_file::read(&path).with_context(|| format!("{} cannot be read", path.display()))?;
+        let bytes =
+            regular_file::read(&path).with_context(|| format!("{} cannot be read", path.display()))?;
         let summary = serde_json::from_slice(&bytes);
         summary.map(Some).with_context(|| format!("{} is not the summary of a run", path.display()))
     }

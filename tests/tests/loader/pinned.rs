@@ -31,6 +31,15 @@ fn marking(folder: &Path) -> (PathBuf, PathBuf) {
     (library, mark)
 }
 
+/// Says that it is over, also when a test fails.
+struct Over<'a>(&'a AtomicBool);
+
+impl Drop for Over<'_> {
+    fn drop(&mut self) {
+        self.0.store(true, Relaxed);
+    }
+}
+
 /// Calls `load` again and again with a path at which two libraries are exchanged meanwhile: `right`, a new copy of it each time, and `wrong`.
 fn while_exchanged(right: &Path, wrong: &Path, rounds: usize, mut load: impl FnMut(&Path)) {
     let folder = tempdir().unwrap();
@@ -50,8 +59,8 @@ fn while_exchanged(right: &Path, wrong: &Path, rounds: usize, mut load: impl FnM
                     }
                 }
             });
+            let _over = Over(&is_over);
             load(&at("lib.so"));
-            is_over.store(true, Relaxed);
         });
         for name in ["lib.so", "right", "wrong"] {
             fs::remove_file(at(name)).unwrap();
@@ -87,7 +96,8 @@ fn while_two_files_are_exchanged_an_isolated_plugin_executes_only_the_pinned_one
     let mut loaded = 0;
     while_exchanged(&right, &wrong, 60, |path| {
         let choice = pinned("fixture/line", path, &hash);
-        let made = Registry::default().isolated_environment(&choice, "", &Setup::new(0, 1, host()), isolation);
+        let made =
+            Registry::default().isolated_environment(&choice, "", &Setup::new(0, 1, host()), isolation);
         match made {
             Ok(_) => loaded += 1,
             // The file was another when the host looked, or when the process did.
@@ -126,7 +136,10 @@ fn a_pinned_library_with_an_undefined_symbol_is_refused_by_its_own_name() {
     let choice = pinned(ID, &library, &fingerprint(&library).unwrap());
     let message = Registry::default().abort_rule(&choice, "", &setup()).unwrap_err().to_string();
     assert!(message.contains("undefined symbol: nobody_defines_this"), "{message}");
-    assert!(message.contains("pinned_undefined.so: undefined symbol") && !message.contains("/proc/"), "{message}");
+    assert!(
+        message.contains("pinned_undefined.so: undefined symbol") && !message.contains("/proc/"),
+        "{message}"
+    );
 }
 
 #[test]

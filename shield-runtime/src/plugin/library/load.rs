@@ -32,10 +32,7 @@ struct Exact {
 
 /// Loads the library for ever. A pinned one is loaded from the open file that was hashed, and nothing else is executed. For another, the loader opens
 /// the path again; a file that was put there meanwhile is an error afterwards.
-pub(super) fn open(
-    file: &LibraryFile,
-    is_pinned: bool,
-) -> Result<&'static libloading::Library, PluginError> {
+pub(super) fn open(file: &LibraryFile, is_pinned: bool) -> Result<&'static libloading::Library, PluginError> {
     let (path, number) = (file.path(), file.number()?);
     let neighbours = neighbours::beside(file)?;
     let mut loaded = LOADED.lock().unwrap_or_else(PoisonError::into_inner);
@@ -65,7 +62,9 @@ fn exact_name(
 ) -> Result<Option<Exact>, PluginError> {
     use std::{io, os::fd::AsRawFd as _};
 
-    let is_taken = |name: &Path| loaded.values().any(|other| other.exact.as_ref().is_some_and(|exact| exact.name == name));
+    let is_taken = |name: &Path| {
+        loaded.values().any(|other| other.exact.as_ref().is_some_and(|exact| exact.name == name))
+    };
     let find = || -> io::Result<Exact> {
         // A debugger finds the file by the number of the process, which may be another here than in `/proc`.
         let descriptors = Path::new("/proc").join(std::fs::read_link("/proc/self")?).join("fd");
@@ -83,7 +82,9 @@ fn exact_name(
     };
     find().map(Some).map_err(|error| PluginError::Open {
         path: file.path().into(),
-        reason: format!("a pinned library is loaded by its descriptor in /proc, which cannot be reached: {error}"),
+        reason: format!(
+            "a pinned library is loaded by its descriptor in /proc, which cannot be reached: {error}"
+        ),
     })
 }
 

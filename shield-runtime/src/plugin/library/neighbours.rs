@@ -97,7 +97,9 @@ fn needs(library: &LibraryFile) -> object::Result<Needs> {
     }
 }
 
-fn needs_of<'data, Elf: FileHeader, R: ReadRef<'data>>(file: &ElfFile<'data, Elf, R>) -> object::Result<Needs> {
+fn needs_of<'data, Elf: FileHeader, R: ReadRef<'data>>(
+    file: &ElfFile<'data, Elf, R>,
+) -> object::Result<Needs> {
     let (endian, data, sections) = (file.endian(), file.data(), file.elf_section_table());
     let mut needs = Needs::default();
     let Some((entries, link)) = sections.dynamic(endian, data)? else { return Ok(needs) };
