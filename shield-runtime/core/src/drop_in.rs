@@ -32,7 +32,7 @@ use crate::{
 ///
 /// ```
 /// use shield_api::{ActMode, Batch, Checkpoint, Learner, LearnerInfo, ResetSignal, Result, Space, Spaces};
-/// use crate::{decision::Decision, drop_in::DropIn};
+/// use shield_core::{decision::Decision, drop_in::DropIn};
 /// # use shield_api::{AbortRule, Needs, Reason, RuleContext, RuleVerdict};
 /// # struct Home;
 /// # impl Checkpoint for Home {}
