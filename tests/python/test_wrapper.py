@@ -311,7 +311,6 @@ def test_a_state_is_saved_over_a_regular_file_only(tmp_path):
     assert (tmp_path / "state.partial").read_text() == "mine"
 
 
-def test_nothing_is_written_for_tensorboard(tmp_path):
 def test_counts_are_written_for_tensorboard(tmp_path):
     from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 

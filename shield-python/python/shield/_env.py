@@ -90,9 +90,10 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             # If the environment's own reset raises, another must follow.
             shield.require_hard_reset()
         observation, info = self.env.reset(seed=seed, options=options)
+        info = {**info, "shield": {"hard_reset": True, "steps": steps}}
         shield.hard_reset_done(observation)
         self._observation = observation
-        return observation, {**info, "shield": {"hard_reset": True, "steps": steps}}
+        return observation, info
 
     def run(self, policy: Callable[[Any], Any], steps: int, *, seed: int | None = None) -> list[float]:
         """Lets a finished policy, a function from observation to action, act for so many steps. Returns the return of each episode; the last may
