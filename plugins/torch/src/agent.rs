@@ -2,9 +2,7 @@
 
 use std::marker::PhantomData;
 
-use actor_critic::{
-    Agent, AgentSettings, AgentState, Body, Ensemble, Loss, Valuation, check_finite_output,
-};
+use actor_critic::{Agent, AgentSettings, AgentState, Body, Ensemble, Loss, Valuation, check_finite_output};
 use learner_kit::{Backend, CriticReport, plugin_error};
 use shield_api::{Batch, Error, Result, check_length};
 use tch::{Device, Kind, TchError, Tensor, no_grad};

@@ -57,10 +57,12 @@ impl Plugin for TorchScript {
             action_len: spaces.action_len(),
         };
         // A file for another robot is refused here, not in the middle of a run.
-        policy.play(&vec![0.0; policy.observation_len], &mut vec![0.0; policy.action_len]).map_err(|error| {
-            let message = format!("{:?} does not fit the spaces: {error}", config.path);
-            Error::invalid_config(message).in_field("path")
-        })?;
+        policy.play(&vec![0.0; policy.observation_len], &mut vec![0.0; policy.action_len]).map_err(
+            |error| {
+                let message = format!("{:?} does not fit the spaces: {error}", config.path);
+                Error::invalid_config(message).in_field("path")
+            },
+        )?;
         Ok(policy)
     }
 }
