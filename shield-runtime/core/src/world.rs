@@ -55,16 +55,6 @@ impl World {
         Self::around(environment, reset_task)
     }
 
-    /// Its environment, as it is.
-    pub fn into_environment(self) -> Box<dyn Environment> {
-        self.environment
-    }
-
-    /// The same world with something around its environment.
-    pub fn map_environment(self, wrap: impl FnOnce(Box<dyn Environment>) -> Box<dyn Environment>) -> Self {
-        Self { environment: wrap(self.environment), ..self }
-    }
-
     /// Width and height of the environment's picture, as it chooses them.
     pub fn frame_size(&self) -> [usize; 2] {
         self.environment.frame_size()

@@ -2,11 +2,11 @@
 
 use shield_api::{Learner, metrics::Metrics};
 
-use super::{CycleParts, CycleSettings, HardResetDue, ResetCycle};
+use super::{CycleParts, HardResetDue, ResetCycle};
 use crate::{
     agent::{Agent, ForwardAgent},
     events::Counters,
-    experience::{AgentRole, Experience},
+    experience::AgentRole,
     shield::Ladder,
 };
 
@@ -78,11 +78,6 @@ impl ResetCycle {
         &self.metrics
     }
 
-    /// What the agents learn from.
-    pub fn experience(&self) -> Option<&Experience> {
-        self.parts.memory.as_ref().map(|memory| &memory.experience)
-    }
-
     /// The last decision, beside the agent that values actions.
     pub fn last(&mut self) -> (Deliberation<'_>, Option<&mut dyn Learner>) {
         let CycleParts { reset, ladder, .. } = &mut self.parts;
@@ -110,10 +105,5 @@ impl ResetCycle {
     /// The same, when the cycle has come to its end.
     pub fn into_parts(self) -> CycleParts {
         self.parts
-    }
-
-    /// What it does.
-    pub fn settings(&self) -> &CycleSettings {
-        &self.settings
     }
 }
