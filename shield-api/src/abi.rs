@@ -14,9 +14,9 @@ use crate::LogLevel;
 /// Major version of the tables; a library of another major version is refused.
 pub const ABI_MAJOR: u32 = 1;
 /// Minor version of the tables: grows with look-ups by name, never with fields.
-pub const ABI_MINOR: u32 = 0;
+pub const ABI_MINOR: u32 = 1;
 /// Both, as the manifest writes them.
-pub const ABI_VERSION: &str = "1.0";
+pub const ABI_VERSION: &str = "1.1";
 /// The symbol that every library exports for readers of C: a function returning `*const PluginLibrary`.
 pub const ENTRY_SYMBOL: &str = "shield_plugin_entry_v1";
 /// Extension of an environment: [`StartsTable`].
@@ -27,6 +27,10 @@ pub const EXTENSION_COSTS: &str = "shield.environment.costs/1";
 pub const EXTENSION_RENDER: &str = "shield.environment.render/1";
 /// Extension of a learner: [`WeightsTable`].
 pub const EXTENSION_WEIGHTS: &str = "shield.learner.weights/1";
+/// Extension of a success critic, which must have it: [`SuccessCriticTable`].
+pub const EXTENSION_SUCCESS_CRITIC: &str = "shield.success_critic/1";
+/// Extension of an abort rule that needs undo probabilities, or learns from attempts: [`UndoRuleTable`].
+pub const EXTENSION_UNDO_RULE: &str = "shield.abort_rule.undo/1";
 
 /// What a call returns: one of the constants in [`status`].
 pub type Status = i32;
@@ -59,6 +63,9 @@ pub mod kind {
     pub const ABORT_RULE: u32 = 4;
     /// A reset task.
     pub const RESET_TASK: u32 = 5;
+    /// A success critic (since 1.1). It sets the table of a learner, whose values are probabilities and which neither acts nor updates, and
+    /// has the extension [`SuccessCriticTable`](super::SuccessCriticTable).
+    pub const SUCCESS_CRITIC: u32 = 6;
 }
 
 /// The kinds of space, as `SpaceView::kind`.
@@ -91,6 +98,10 @@ pub mod need {
     pub const GREEDY_VALUES: u32 = 2;
     /// The forward ensemble's values of the proposed action.
     pub const FORWARD_VALUES: u32 = 4;
+    /// The success critic's estimates for the proposed action (since 1.1; takes the extension [`UndoRuleTable`](super::UndoRuleTable)).
+    pub const PROBABILITIES: u32 = 8;
+    /// The same for the reset agent's greedy action, here and at the start (since 1.1; takes the same extension).
+    pub const GREEDY_PROBABILITIES: u32 = 16;
 }
 
 /// The verdicts in [`VerdictView::verdict`]; 0 and every other number reject.
@@ -547,6 +558,97 @@ pub struct AbortRuleTable {
     ) -> i32,
     /// Learns what became of the decision.
     pub observe: unsafe extern "C" fn(instance: *mut Instance, decision: *const ObservedDecisionView) -> i32,
+}
+
+/// A batch of transitions with what became of the attempts, row by row; see [`crate::AttemptBatch`].
+#[repr(C)]
+#[derive(Debug, Clone, Copy, StableAbi)]
+pub struct AttemptBatchView {
+    /// Size of this struct in bytes.
+    pub struct_size: usize,
+    /// How many transitions.
+    pub size: usize,
+    /// States, `size × observation length`.
+    pub observations: Floats,
+    /// Executed actions, `size × action length`.
+    pub actions: Floats,
+    /// States that followed, `size × observation length`.
+    pub next_observations: Floats,
+    /// What the reset agent does in them, `size × action length`.
+    pub next_actions: Floats,
+    /// 1 where the next state lies in the reset set, `size`.
+    pub successes: Floats,
+    /// 1 where the next state's estimate counts, 0 where nothing follows; `size`.
+    pub continuations: Floats,
+    /// 1 if the attempt reached the reset set, else 0; `size`.
+    pub outcomes: Floats,
+    /// How much the outcome counts, 0 to 1; `size`.
+    pub outcome_weights: Floats,
+    /// 1 where the member learns from the transition, else 0; `size × members`.
+    pub masks: Floats,
+}
+
+/// Extension of success critics: how they learn.
+#[repr(C)]
+#[derive(Debug, StableAbi)]
+pub struct SuccessCriticTable {
+    /// Size of this struct in bytes.
+    pub struct_size: usize,
+    /// Learns from a batch.
+    pub update: unsafe extern "C" fn(instance: *mut Instance, batch: *const AttemptBatchView) -> i32,
+}
+
+/// Undo probabilities beside a [`RuleContextView`], one per member of the success critic; empty where the rule needs none.
+#[repr(C)]
+#[derive(Debug, Clone, Copy, StableAbi)]
+pub struct UndoView {
+    /// Size of this struct in bytes.
+    pub struct_size: usize,
+    /// Of the proposed action.
+    pub probabilities: Floats,
+    /// Of the reset agent's greedy action.
+    pub greedy_probabilities: Floats,
+    /// Of the reset agent's greedy action in the state in which the last reset ended.
+    pub start_probabilities: Floats,
+}
+
+/// How an attempt to reset ended; see [`crate::ObservedAttempt`].
+#[repr(C)]
+#[derive(Debug, Clone, Copy, StableAbi)]
+pub struct ObservedAttemptView {
+    /// Size of this struct in bytes.
+    pub struct_size: usize,
+    /// Environment steps so far.
+    pub step: u64,
+    /// 1 if the reset set was reached.
+    pub succeeded: u32,
+}
+
+/// Extension of abort rules: the functions of [`AbortRuleTable`] with undo probabilities, which the host calls instead of them, and what
+/// became of attempts.
+#[repr(C)]
+#[derive(Debug, StableAbi)]
+pub struct UndoRuleTable {
+    /// Size of this struct in bytes.
+    pub struct_size: usize,
+    /// Judges an action.
+    pub evaluate: unsafe extern "C" fn(
+        instance: *mut Instance,
+        context: *const RuleContextView,
+        undo: *const UndoView,
+        verdict: *mut VerdictView,
+    ) -> i32,
+    /// Gives the rule as rows; `gradients` are those of the probabilities where the rule needs them, else of the values.
+    pub linearise: unsafe extern "C" fn(
+        instance: *mut Instance,
+        context: *const RuleContextView,
+        undo: *const UndoView,
+        gradients: Floats,
+        rows: *const RowSink,
+    ) -> i32,
+    /// Learns how an attempt ended.
+    pub observe_attempt:
+        unsafe extern "C" fn(instance: *mut Instance, attempt: *const ObservedAttemptView) -> i32,
 }
 
 /// What [`ResetTaskTable::evaluate`] fills.

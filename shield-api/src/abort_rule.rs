@@ -13,6 +13,34 @@ pub struct Needs {
     pub greedy_values: bool,
     /// The forward ensemble's values of the proposed action.
     pub forward_values: bool,
+    /// The success critic's estimates for the proposed action.
+    pub probabilities: bool,
+    /// The success critic's estimates for the reset agent's greedy action, here and where the last reset ended.
+    pub greedy_probabilities: bool,
+}
+
+impl Needs {
+    /// Whether it needs anything that is learned. A rule that does not, applies from the first step and to every agent's actions.
+    pub fn anything_learned(&self) -> bool {
+        self.values || self.greedy_values || self.forward_values || self.undo_probabilities()
+    }
+
+    /// Whether it needs a success critic.
+    pub fn undo_probabilities(&self) -> bool {
+        self.probabilities || self.greedy_probabilities
+    }
+
+    /// What either of both needs.
+    #[must_use]
+    pub fn union(self, other: Self) -> Self {
+        Self {
+            values: self.values || other.values,
+            greedy_values: self.greedy_values || other.greedy_values,
+            forward_values: self.forward_values || other.forward_values,
+            probabilities: self.probabilities || other.probabilities,
+            greedy_probabilities: self.greedy_probabilities || other.greedy_probabilities,
+        }
+    }
 }
 
 /// Whose action is judged.
@@ -21,7 +49,7 @@ pub enum Phase {
     /// The forward agent's, which does the task.
     #[default]
     Forward,
-    /// The reset agent's exploration, which undoes it.
+    /// The reset agent's, which undoes it.
     Reset,
 }
 
@@ -42,6 +70,12 @@ pub struct RuleContext<'a> {
     pub greedy_values: &'a [f32],
     /// Q_forward(s, a) of each member, if [`Needs::forward_values`]; empty where the forward agent is a policy.
     pub forward_values: &'a [f32],
+    /// P(s, a) of each member of the success critic at the proposed action, if [`Needs::probabilities`].
+    pub probabilities: &'a [f32],
+    /// P(s, π_reset(s)) of each member, if [`Needs::greedy_probabilities`].
+    pub greedy_probabilities: &'a [f32],
+    /// The same in the state in which the last reset ended, where nothing had to be undone yet, if [`Needs::greedy_probabilities`].
+    pub start_probabilities: &'a [f32],
     /// γ of the reset agent.
     pub discount: f32,
     /// Whose action it is. A rejected action of the reset agent gives way to its greedy one.
@@ -116,6 +150,16 @@ pub trait Rows {
     fn push(&mut self, coefficients: &[f32], bound: f32) -> Result<()>;
 }
 
+/// How an attempt to reset ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct ObservedAttempt {
+    /// Environment steps so far, both phases.
+    pub step: u64,
+    /// Whether the reset set was reached. Also true where an action was rejected before anything had been executed since the last reset: there
+    /// was nothing to undo. False also where the environment ended in a forward episode.
+    pub succeeded: bool,
+}
+
 /// What became of a decision, told to every rule once per step.
 #[derive(Debug, Clone, Copy)]
 pub struct ObservedDecision<'a> {
@@ -184,7 +228,7 @@ pub struct ObservedDecision<'a> {
 ///     abort_rule "acme/gentle" => Gentle { description: "Forbids pushing hard", deterministic: true }
 /// }
 /// # let context = RuleContext { step: 0, observation: &[], proposed: &[0.7], previous: None, values: &[],
-/// #     greedy_values: &[], forward_values: &[], discount: 0.99, phase: Phase::Forward };
+/// #     greedy_values: &[], forward_values: &[], discount: 0.99, ..RuleContext::default() };
 /// # let mut buffer = [0; 80];
 /// # let verdict = Gentle(0.5).evaluate(&context, &mut Reason::new(&mut buffer)).unwrap();
 /// # assert_eq!(verdict.verdict, Verdict::Reject);
@@ -202,7 +246,8 @@ pub trait AbortRule: Checkpoint {
     fn evaluate(&self, context: &RuleContext<'_>, reason: &mut Reason<'_>) -> Result<RuleVerdict>;
 
     /// The rule near the proposed action as rows `A a ≤ b`, so that an action can be found that it allows. `gradients` holds
-    /// ∂Q_reset/∂action of each member, `members × action_len`, row-major; empty if the rule does not need the values.
+    /// ∂P/∂action of each member where the rule needs probabilities, else ∂Q_reset/∂action of each member, `members × action_len`,
+    /// row-major; empty if the rule needs neither.
     ///
     /// # Errors
     /// [`ErrorKind::Unsupported`](crate::ErrorKind::Unsupported) by default: the action is then aborted, not altered.
@@ -210,12 +255,20 @@ pub trait AbortRule: Checkpoint {
         Err(Error::unsupported("linearising the rule"))
     }
 
-    /// What became of the step's decision. Called once per forward step, after the decision; the only place where a
-    /// rule changes its state.
+    /// What became of the step's decision. Called once per forward step, after the decision. Here and in
+    /// [`observe_attempt`](Self::observe_attempt) a rule changes its state, and nowhere else.
     ///
     /// # Errors
     /// Anything that keeps the rule from going on; the run ends.
     fn observe(&mut self, decision: &ObservedDecision<'_>) -> Result<()> {
+        Ok(())
+    }
+
+    /// How an attempt to reset ended. Called once after each attempt that has an outcome: not after one that was cut short.
+    ///
+    /// # Errors
+    /// Anything that keeps the rule from going on; the run ends.
+    fn observe_attempt(&mut self, attempt: &ObservedAttempt) -> Result<()> {
         Ok(())
     }
 }

@@ -7,10 +7,13 @@
 mod environment;
 mod kinds;
 mod life;
+mod success_critic;
+mod undo_rule;
 mod weights;
 
 pub use environment::environment;
 pub use kinds::{abort_rule, learner, policy, reset_task};
+pub use success_critic::success_critic;
 
 /// Names of the kinds as the manifest writes them.
 #[doc(hidden)]
@@ -18,13 +21,14 @@ pub const fn kind_name(macro_name: &'static str) -> &'static str {
     match macro_name.as_bytes() {
         b"abort_rule" => "abort-rule",
         b"reset_task" => "reset-task",
+        b"success_critic" => "success-critic",
         _ => macro_name,
     }
 }
 
 /// Exports the plugins of a library. Write it once, at the end of the crate; the crate is a `cdylib`.
 ///
-/// Each entry gives the kind (`environment`, `learner`, `policy`, `abort_rule`, `reset_task`), the id under which
+/// Each entry gives the kind (`environment`, `learner`, `policy`, `abort_rule`, `reset_task`, `success_critic`), the id under which
 /// experiments name it, the type, a line of description, and whether the same seed gives the same behaviour. Version, authors
 /// and licence come from the crate's `Cargo.toml`.
 ///

@@ -18,9 +18,11 @@ mod policy;
 pub mod regular_file;
 mod reset_task;
 mod space;
+mod success_critic;
 
 pub use abort_rule::{
-    AbortRule, Needs, ObservedDecision, Phase, Reason, Rows, RuleContext, RuleVerdict, Verdict,
+    AbortRule, Needs, ObservedAttempt, ObservedDecision, Phase, Reason, Rows, RuleContext, RuleVerdict,
+    Verdict,
 };
 #[allow(deprecated, reason = "source that was written for 1.0 may use it")]
 pub use config::ron_options;
@@ -33,6 +35,7 @@ pub use plugin::{Checkpoint, Host, LogLevel, Plugin, Setup};
 pub use policy::Policy;
 pub use reset_task::{ResetSignal, ResetTask};
 pub use space::{Space, Spaces};
+pub use success_critic::{AttemptBatch, SuccessCritic, SuccessCriticInfo};
 
 #[doc(hidden)]
 pub mod reexports {

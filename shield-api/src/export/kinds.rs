@@ -1,6 +1,7 @@
 //! The tables of every kind but the environment, filled for a type that implements the kind's trait.
 
 use super::life::{self, buffer, call, required};
+use super::undo_rule::undo_rule_extension;
 use super::weights::learner_extension;
 use crate::{
     AbortRule, ActMode, Batch, Error, Learner, ObservedDecision, Phase, Plugin, Policy, Reason, ResetTask,
@@ -55,7 +56,7 @@ pub const fn abort_rule<T: AbortRule + Plugin>(manifest: &'static [u8]) -> Plugi
     let table = const {
         &AbortRuleTable {
             struct_size: size_of::<AbortRuleTable>(),
-            life: life::table::<T>(),
+            life: LifeTable { get_extension: undo_rule_extension::<T>, ..life::table::<T>() },
             needs: needs::<T>,
             evaluate: evaluate::<T>,
             linearise: linearise::<T>,
@@ -194,7 +195,9 @@ unsafe extern "C" fn needs<T: AbortRule>(instance: *mut Instance, bits: *mut u32
             let bit = |is_set: bool, bit: u32| if is_set { bit } else { 0 };
             *required(bits, "the place for the needs")? = bit(needs.values, need::VALUES)
                 | bit(needs.greedy_values, need::GREEDY_VALUES)
-                | bit(needs.forward_values, need::FORWARD_VALUES);
+                | bit(needs.forward_values, need::FORWARD_VALUES)
+                | bit(needs.probabilities, need::PROBABILITIES)
+                | bit(needs.greedy_probabilities, need::GREEDY_PROBABILITIES);
             Ok(())
         })
     }
@@ -202,7 +205,7 @@ unsafe extern "C" fn needs<T: AbortRule>(instance: *mut Instance, bits: *mut u32
 
 /// # Safety
 /// The pointers in the view are null or valid for their lengths as long as `'a`.
-unsafe fn read_context<'a>(view: *const RuleContextView) -> Result<RuleContext<'a>> {
+pub(super) unsafe fn read_context<'a>(view: *const RuleContextView) -> Result<RuleContext<'a>> {
     // SAFETY: the caller's promise.
     unsafe {
         let view = required(view.cast_mut(), "the context")?;
@@ -220,6 +223,7 @@ unsafe fn read_context<'a>(view: *const RuleContextView) -> Result<RuleContext<'
                 phase::RESET => Phase::Reset,
                 other => return Err(Error::invalid_argument(format!("there is no phase {other}"))),
             },
+            ..RuleContext::default()
         })
     }
 }
@@ -230,24 +234,35 @@ unsafe extern "C" fn evaluate<T: AbortRule>(
     view: *mut VerdictView,
 ) -> i32 {
     // SAFETY: the host's promises, as said above.
+    unsafe { call::<T>(instance, |holder| judge(&holder.value, &read_context(context)?, view)) }
+}
+
+/// Lets a rule judge, and writes what it says.
+///
+/// # Safety
+/// The view is null or valid, and so is its place for the reason.
+pub(super) unsafe fn judge<T: AbortRule>(
+    rule: &T,
+    context: &RuleContext<'_>,
+    view: *mut VerdictView,
+) -> Result<()> {
+    // SAFETY: the caller's promise.
     unsafe {
-        call::<T>(instance, |holder| {
-            let view = required(view, "the place for the verdict")?;
-            let room: &mut [u8] = if view.reason.is_null() {
-                &mut []
-            } else {
-                std::slice::from_raw_parts_mut(view.reason, view.reason_capacity)
-            };
-            let mut reason = Reason::new(room);
-            let judged = holder.value.evaluate(&read_context(context)?, &mut reason)?;
-            view.reason_length = reason.len();
-            view.score = judged.score;
-            view.verdict = match judged.verdict {
-                Verdict::Allow => verdict::ALLOW,
-                Verdict::Reject => verdict::REJECT,
-            };
-            Ok(())
-        })
+        let view = required(view, "the place for the verdict")?;
+        let room: &mut [u8] = if view.reason.is_null() {
+            &mut []
+        } else {
+            std::slice::from_raw_parts_mut(view.reason, view.reason_capacity)
+        };
+        let mut reason = Reason::new(room);
+        let judged = rule.evaluate(context, &mut reason)?;
+        view.reason_length = reason.len();
+        view.score = judged.score;
+        view.verdict = match judged.verdict {
+            Verdict::Allow => verdict::ALLOW,
+            Verdict::Reject => verdict::REJECT,
+        };
+        Ok(())
     }
 }
 
