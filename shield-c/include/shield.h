@@ -24,7 +24,7 @@ typedef struct Shield Shield;
 // Verdict: every rule allows the action.
 #define SHIELD_ALLOW 1
 
-// Verdict: nothing is aborted yet, `warm_up_steps` are not over.
+// Verdict: allowed by the rules that need nothing learned; the others are not asked before `warm_up_steps` are over.
 #define SHIELD_WARM_UP 2
 
 // Verdict: the action was altered so that every rule allows it.

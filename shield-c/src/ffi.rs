@@ -29,7 +29,7 @@ pub const SHIELD_FAILED: i32 = -1;
 pub const SHIELD_DONE: i32 = 0;
 /// Verdict: every rule allows the action.
 pub const SHIELD_ALLOW: i32 = 1;
-/// Verdict: nothing is aborted yet, `warm_up_steps` are not over.
+/// Verdict: allowed by the rules that need nothing learned; the others are not asked before `warm_up_steps` are over.
 pub const SHIELD_WARM_UP: i32 = 2;
 /// Verdict: the action was altered so that every rule allows it.
 pub const SHIELD_PROJECT: i32 = 3;

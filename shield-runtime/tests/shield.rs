@@ -118,7 +118,7 @@ fn a_failing_rule_or_agent_leads_to_an_abort() {
 }
 
 #[test]
-fn the_warm_up_asks_no_rule_and_refuses_invalid_actions() {
+fn the_warm_up_asks_no_rule_that_needs_learned_values_and_refuses_invalid_actions() {
     let mut agent = reset_agent(&[0.0]);
     let mut shield = shield(vec![Rule::below(5.0)], &agent, 200);
     assert_eq!(shield.filter(only(&mut agent), &moment(&[0.0]), &mut [0.3]), Decision::WarmUp);
@@ -128,6 +128,49 @@ fn the_warm_up_asks_no_rule_and_refuses_invalid_actions() {
     );
     let later = Moment { step: 200, ..moment(&[0.0]) };
     assert_eq!(cause(shield.filter(only(&mut agent), &later, &mut [0.3])), Some(Cause::Rejected));
+}
+
+/// A limit of the user's: it needs nothing learned.
+fn at_most(limit: f32) -> Box<dyn AbortRule> {
+    let judge = move |context: &RuleContext<'_>| {
+        Ok(RuleVerdict::from_safe(context.proposed[0] <= limit, context.proposed[0]))
+    };
+    Box::new(Rule { needs: Needs::default(), judge: Box::new(judge) })
+}
+
+#[test]
+fn a_rule_that_needs_nothing_learned_applies_from_the_first_step() {
+    let mut agent = reset_agent(&[0.0]);
+    let mut shield = shield(vec![Rule::below(5.0), at_most(0.4)], &agent, 200);
+    let first = Moment { step: 0, ..moment(&[0.0]) };
+    assert_eq!(shield.filter(only(&mut agent), &first, &mut [0.3]), Decision::WarmUp);
+    let mut action = [0.5];
+    let abort = shield.filter(only(&mut agent), &first, &mut action).abort().unwrap();
+    assert_eq!((abort.cause, abort.rule, action), (Cause::Rejected, Some(1), [-1.0]));
+}
+
+#[test]
+fn a_limit_holds_for_the_reset_agents_actions() {
+    let mut agent = Scripted::acting(|_, mode| if mode == ActMode::Greedy { 0.2 } else { 0.9 });
+    let mut limited = shield(vec![Rule::below(5.0), at_most(0.4)], &agent, 0);
+    let mut action = [0.9];
+    let decision = limited.limit(only(&mut agent), &moment(&[0.0]), &mut action).unwrap();
+    assert_eq!((decision.abort().map(|abort| abort.rule), action), (Some(Some(1)), [0.2]));
+    // Rules that need learned values do not judge it: the reset agent could never act where they reject everything.
+    let mut action = [0.3];
+    assert!(limited.limit(only(&mut agent), &moment(&[0.0]), &mut action).unwrap().abort().is_none());
+    assert_eq!(action, [0.3]);
+
+    let mut without = shield(vec![Rule::below(5.0)], &agent, 0);
+    assert!(without.limit(only(&mut agent), &moment(&[0.0]), &mut [0.9]).is_none());
+}
+
+#[test]
+fn a_reset_action_that_breaks_a_limit_gives_way_to_the_fallback() {
+    let agent = Scripted::acting(|_, _| 0.8).valuing(1, |_, _| vec![0.0]);
+    let mut action = [0.3];
+    assert!(decide(vec![Rule::below(5.0), at_most(0.4)], agent, &mut action).abort().is_some());
+    assert_eq!(action, [-0.25], "neither the proposed action nor the reset agent's");
 }
 
 #[test]

@@ -23,7 +23,8 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 
     A step whose action is aborted is not executed: the observation is as before, the reward is `abort_reward`, `truncated` is True. The next `reset()` lets
     the reset agent undo what was done; the environment itself is reset only when that fails `reset_attempts` times in a row, when it has
-    terminated or truncated itself, or when `reset` is given a seed or options. Nothing is aborted in the first `warm_up_steps`.
+    terminated or truncated itself, or when `reset` is given a seed or options. In the first `warm_up_steps` only rules
+    that need nothing learned are asked.
 
     `TimeLimit`s inside are taken out; the wrapper counts in their place, and begins anew with each reset.
 

@@ -26,7 +26,7 @@ _PLUGINS = pathlib.Path(__file__).parent / "plugins"
 class Decision(NamedTuple):
     """What the shield says of a proposed action."""
 
-    #: `allow`, `warm_up` (nothing is aborted yet), `project` (altered so that every rule allows it), `abort` (the reset agent takes
+    #: `allow`, `warm_up` (only rules that need nothing learned were asked), `project` (altered so that every rule allows it), `abort` (the reset agent takes
     #: over), or `resetting` (the reset agent is in charge, nobody was asked).
     verdict: str
     #: What may be executed, whatever the verdict; of a box, in the space's dtype.
@@ -62,7 +62,7 @@ class Shield:
     - `tensorboard`: a folder for an event file with counts and the reset agent's figures.
     - `q_min`: the least value at which an action is executed, of the first rule, in the rule's terms; where the rule has a schedule, what it grows to. Usually
       0.5, as a share of 1/(1 − γ), after 6,000 steps.
-    - `warm_up_steps`: in the first so many steps (1,000) no rule aborts.
+    - `warm_up_steps`: in the first so many steps (1,000) no rule that needs learned values is asked.
     - `reset_attempts`: failures in a row (1) after which the reset agent gives up; "Unlimited" is never.
     - `episode_length`: steps (500) after which an episode of the reset agent has failed.
     - `updates_per_step`: how often the reset agent learns after each step; 0 is never.

@@ -7,7 +7,7 @@ use std::fmt;
 pub enum Decision {
     /// Every rule allows it: execute it.
     Allow,
-    /// Nothing is aborted yet (`warm_up_steps`): execute it.
+    /// Only rules that need nothing learned were asked (`warm_up_steps`): execute it.
     WarmUp,
     /// A rule rejects it; the caller's buffer holds another action, which every rule allows: execute that one.
     Project(Projection),

@@ -4,6 +4,10 @@
 //! either agent can learn from what the other did (§4). The memory is a ring of fixed size: nothing is allocated after
 //! the start.
 
+mod batch;
+
+pub use batch::BatchBuffers;
+
 use std::ops::Range;
 
 use rand::{Rng, RngExt};
@@ -365,139 +369,5 @@ fn copy(target: &mut [f32], row: usize, source: &[f32], slot: usize, length: usi
     target[row * length..(row + 1) * length].copy_from_slice(&source[slot * length..(slot + 1) * length]);
 }
 
-/// Where a batch is gathered; reused for every update.
-#[derive(Debug)]
-pub struct BatchBuffers {
-    size: usize,
-    observations: Vec<f32>,
-    actions: Vec<f32>,
-    rewards: Vec<f32>,
-    next_observations: Vec<f32>,
-    continuations: Vec<f32>,
-    masks: Vec<f32>,
-}
-
-impl BatchBuffers {
-    /// Room for `size` transitions and the masks of `members`, which stay 1 where the experience draws none.
-    pub fn new(size: usize, spaces: &Spaces, members: usize) -> Self {
-        Self {
-            size,
-            observations: vec![0.0; size * spaces.observation_len()],
-            actions: vec![0.0; size * spaces.action_len()],
-            rewards: vec![0.0; size],
-            next_observations: vec![0.0; size * spaces.observation_len()],
-            continuations: vec![0.0; size],
-            masks: vec![1.0; size * members],
-        }
-    }
-
-    /// Transitions per batch.
-    pub fn size(&self) -> usize {
-        self.size
-    }
-
-    fn as_batch(&self) -> Batch<'_> {
-        Batch {
-            size: self.size,
-            observations: &self.observations,
-            actions: &self.actions,
-            rewards: &self.rewards,
-            next_observations: &self.next_observations,
-            continuations: &self.continuations,
-            masks: &self.masks,
-        }
-    }
-}
-
 #[cfg(test)]
-mod tests {
-    use rand::SeedableRng;
-    use rand_pcg::Pcg64;
-    use shield_api::Space;
-
-    use super::*;
-
-    fn spaces() -> Spaces {
-        Spaces { observation: Space::unbounded(2), action: Space::uniform(1, -1.0, 1.0) }
-    }
-
-    fn push(experience: &mut Experience, value: f32, rng: &mut Pcg64) {
-        experience.push(
-            &Transition {
-                observation: &[value, -value],
-                action: &[value / 10.0],
-                next_observation: &[value + 1.0, 0.0],
-                forward: Some(AgentShare { reward: value, continues: true }),
-                reset: Some(AgentShare { reward: -value, continues: value != 3.0 }),
-            },
-            rng,
-        );
-    }
-
-    #[test]
-    fn each_agent_gets_its_own_reward_and_continuation() {
-        let mut rng = Pcg64::seed_from_u64(0);
-        let mut experience = Experience::new(10, &spaces(), [1, 1], 1.0).unwrap();
-        push(&mut experience, 3.0, &mut rng);
-        let mut buffers = BatchBuffers::new(4, &spaces(), 1);
-        let forward = experience.sample(AgentRole::Forward, &mut buffers, &mut rng);
-        assert_eq!((forward.rewards[0], forward.continuations[0]), (3.0, 1.0));
-        assert_eq!((forward.observations, forward.actions[3]), (&[3.0, -3.0].repeat(4)[..], 0.3));
-        let reset = experience.sample(AgentRole::Reset, &mut buffers, &mut rng);
-        assert_eq!((reset.rewards[2], reset.continuations[2], reset.masks[2]), (-3.0, 0.0, 1.0));
-    }
-
-    #[test]
-    fn a_replay_buffer_without_room_is_refused() {
-        for capacity in [usize::MAX, usize::MAX / 8] {
-            assert!(Experience::new(capacity, &spaces(), [1, 1], 1.0).is_err());
-        }
-    }
-
-    #[test]
-    fn a_full_replay_buffer_forgets_the_oldest_transitions() {
-        let mut rng = Pcg64::seed_from_u64(1);
-        let mut experience = Experience::new(3, &spaces(), [1, 1], 1.0).unwrap();
-        for value in 0..7 {
-            push(&mut experience, value as f32, &mut rng);
-        }
-        assert_eq!(experience.len(), 3);
-        let mut buffers = BatchBuffers::new(200, &spaces(), 1);
-        let batch = experience.sample(AgentRole::Forward, &mut buffers, &mut rng);
-        let mut kept: Vec<f32> = batch.rewards.to_vec();
-        kept.sort_by(f32::total_cmp);
-        kept.dedup();
-        assert_eq!(kept, [4.0, 5.0, 6.0]);
-    }
-
-    #[test]
-    fn a_restored_replay_buffer_continues_as_the_saved_one() {
-        let mut rng = Pcg64::seed_from_u64(3);
-        for count in [0, 2, 3, 7] {
-            let mut experience = Experience::new(3, &spaces(), [70, 1], 0.5).unwrap();
-            (0..count).for_each(|value| push(&mut experience, value as f32, &mut rng));
-            let mut bytes = Vec::new();
-            let kept = experience.kept();
-            experience.write_rows(kept.clone(), &mut bytes);
-            let mut read = Experience::new(3, &spaces(), [70, 1], 0.5).unwrap();
-            read.expect_rows(kept.clone());
-            read.read_rows(kept.start, &bytes);
-            push(&mut experience, 99.0, &mut rng.clone());
-            push(&mut read, 99.0, &mut rng.clone());
-            assert_eq!(format!("{experience:?}"), format!("{read:?}"), "after {count}");
-        }
-    }
-
-    #[test]
-    fn bootstrap_masks_are_drawn_per_member_and_stay_with_their_transition() {
-        let mut rng = Pcg64::seed_from_u64(2);
-        let members = 70;
-        let mut experience = Experience::new(1, &spaces(), [members, 1], 0.5).unwrap();
-        push(&mut experience, 1.0, &mut rng);
-        let mut buffers = BatchBuffers::new(2, &spaces(), members);
-        let first = experience.sample(AgentRole::Forward, &mut buffers, &mut rng).masks.to_vec();
-        assert_eq!(first[..members], first[members..]);
-        let ones = first[..members].iter().sum::<f32>();
-        assert!((15.0..55.0).contains(&ones), "{ones} of {members} masks are set at probability 0.5");
-    }
-}
+mod tests;

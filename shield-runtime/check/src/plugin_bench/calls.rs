@@ -124,6 +124,9 @@ impl Asked<dyn AbortRule> {
             values: &self.values,
             greedy_values: &self.values,
             forward_values: &self.values,
+            probabilities: &self.values,
+            greedy_probabilities: &self.values,
+            start_probabilities: &self.values,
             discount: 0.99,
             phase: Phase::Forward,
         }

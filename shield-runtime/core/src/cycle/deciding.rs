@@ -88,7 +88,8 @@ impl ResetCycle {
         self.counters.failed_closed += u64::from(abort.cause.is_failure());
     }
 
-    /// The reset agent acts; where its exploration is shielded, a rejected action gives way to its greedy one, and the decision says so.
+    /// The reset agent acts. Rules that need nothing learned judge its action, and every rule where its exploration is shielded; a rejected one
+    /// gives way to a projected one, to its greedy one or to the fallback action, and the decision says so.
     ///
     /// # Errors
     /// There is no reset agent, or it gave no action of the action space.
@@ -106,11 +107,17 @@ impl ResetCycle {
             observation,
             previous: self.has_previous.then_some(&self.previous),
         };
-        if !(self.settings.explores && self.settings.shield_exploration) {
-            return ladder.check(&moment, &self.action).map(|()| None);
-        }
         let forward = forward.as_mut().and_then(ForwardAgent::learner);
-        let decision = ladder.guard(Agents { reset: reset.learner(), forward }, &moment, &mut self.action);
+        let agents = Agents { reset: reset.learner(), forward };
+        let decision = if self.settings.explores && self.settings.shield_exploration {
+            ladder.guard(agents, &moment, &mut self.action)
+        } else {
+            ladder.check(&moment, &self.action)?;
+            match ladder.limit(agents, &moment, &mut self.action) {
+                None | Some(Decision::WarmUp) => return Ok(None),
+                Some(decision) => decision,
+            }
+        };
         self.counters.exploration_replaced += u64::from(decision.abort().is_some());
         Ok(Some(decision))
     }

@@ -113,7 +113,8 @@ impl DropInBuilder {
         self
     }
 
-    /// Steps at the beginning during which nothing is aborted, for a reset agent that has learned nothing yet. Default: 0.
+    /// Steps at the beginning during which rules that need learned values are not asked, for a reset agent that has learned nothing yet.
+    /// Default: 0.
     #[must_use]
     pub fn warm_up_steps(mut self, steps: u64) -> Self {
         self.warm_up_steps = steps;

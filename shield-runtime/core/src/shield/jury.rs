@@ -63,6 +63,15 @@ impl Judgement {
     }
 }
 
+/// Which rules judge an action.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Scope {
+    /// Every rule.
+    All,
+    /// The rules that need nothing learned: in the warm-up, and of the reset agent's own actions.
+    Limits,
+}
+
 /// All rules with the buffers to ask them without allocating.
 pub(super) struct Jury {
     jurors: Vec<Juror>,
@@ -71,6 +80,9 @@ pub(super) struct Jury {
     discount: f32,
     /// Whose action is judged.
     pub phase: Phase,
+    scope: Scope,
+    /// Whether some rule needs nothing learned.
+    has_limits: bool,
     present: Judgement,
     /// Of the action that was proposed.
     proposed: Judgement,
@@ -94,11 +106,8 @@ impl Jury {
             let (allows, score, sentence) = (false, f32::NAN, Box::new([0; SENTENCE]));
             jurors.push(Juror { needs: rule.needs(), rule, slack, allows, score, sentence, sentence_len: 0 });
         }
-        let needs = jurors.iter().fold(Needs::default(), |all, juror| Needs {
-            values: all.values || juror.needs.values,
-            greedy_values: all.greedy_values || juror.needs.greedy_values,
-            forward_values: all.forward_values || juror.needs.forward_values,
-        });
+        let needs = jurors.iter().fold(Needs::default(), |all, juror| all.union(juror.needs));
+        let has_limits = jurors.iter().any(|juror| !juror.needs.anything_learned());
         let present = Judgement {
             values: vec![f32::NAN; if needs.values { info.members } else { 0 }],
             greedy_values: vec![f32::NAN; if needs.greedy_values { info.members } else { 0 }],
@@ -111,6 +120,8 @@ impl Jury {
             needs,
             discount: info.discount,
             phase: Phase::Forward,
+            scope: Scope::All,
+            has_limits,
             proposed: present.clone(),
             present,
             greedy_action: vec![0.0; action_len],
@@ -120,6 +131,23 @@ impl Jury {
 
     pub fn needs(&self) -> Needs {
         self.needs
+    }
+
+    /// Whether some rule needs nothing learned, and so holds for every agent from the first step.
+    pub fn has_limits(&self) -> bool {
+        self.has_limits
+    }
+
+    /// What must be computed for the rules that judge now.
+    fn present_needs(&self) -> Needs {
+        match self.scope {
+            Scope::All => self.needs,
+            Scope::Limits => Needs::default(),
+        }
+    }
+
+    fn judges(&self, index: usize) -> bool {
+        self.scope == Scope::All || !self.jurors[index].needs.anything_learned()
     }
 
     /// The priorities of the soft rules, in the order of their columns.
@@ -141,16 +169,16 @@ impl Jury {
         &self.proposed
     }
 
-    /// Forgets what was said of an earlier action.
-    pub fn begin(&mut self, phase: Phase) {
-        self.phase = phase;
+    /// Forgets what was said of an earlier action. From now on the rules of this scope judge.
+    pub fn begin(&mut self, phase: Phase, scope: Scope) {
+        (self.phase, self.scope) = (phase, scope);
         self.present.forget();
         self.proposed.forget();
     }
 
     /// Computes what the rules need of the state alone, once per decision.
     pub fn value_state(&mut self, agents: &mut Agents<'_>, moment: &Moment<'_>) -> Result<()> {
-        if !self.needs.greedy_values {
+        if !self.present_needs().greedy_values {
             return Ok(());
         }
         let values = &mut self.present.greedy_values;
@@ -184,16 +212,17 @@ impl Jury {
     }
 
     fn take(&mut self, given: &GivenValues<'_>) -> Result<()> {
+        let needs = self.present_needs();
         let Judgement { values, greedy_values, forward_values, .. } = &mut self.present;
-        if self.needs.values {
+        if needs.values {
             check_finite("the reset values", given.values, values.len())?;
             values.copy_from_slice(given.values);
         }
-        if self.needs.greedy_values {
+        if needs.greedy_values {
             check_finite("the reset values", given.greedy_values, greedy_values.len())?;
             greedy_values.copy_from_slice(given.greedy_values);
         }
-        if self.needs.forward_values {
+        if needs.forward_values {
             check_finite("the forward values", given.forward_values, given.forward_values.len())?;
             given.forward_values.clone_into(forward_values);
         }
@@ -202,6 +231,10 @@ impl Jury {
 
     fn ask_all(&mut self, moment: &Moment<'_>, action: &[f32], why: &mut Explanation) -> Result<(), Abort> {
         for index in 0..self.jurors.len() {
+            if !self.judges(index) {
+                self.jurors[index].allows = true;
+                continue;
+            }
             let failure = self.ask(index, moment, action, why);
             self.present.scores[index] = self.jurors[index].score;
             if let Some(cause) = failure {
@@ -244,6 +277,20 @@ impl Jury {
         }
     }
 
+    /// Whether the rules that need nothing learned allow an action of the reset agent. What was said of other actions stays.
+    pub fn limits_allow(&self, moment: &Moment<'_>, action: &[f32]) -> bool {
+        let allows = |rule: usize| {
+            let juror: &Juror = &self.jurors[rule];
+            let context = context(&self.present, self.discount, Phase::Reset, moment, action);
+            juror.needs.anything_learned()
+                || juror
+                    .rule
+                    .evaluate(&context, &mut Reason::new(&mut []))
+                    .is_ok_and(|judged| judged.verdict == Verdict::Allow && !judged.score.is_nan())
+        };
+        self.shape.holds(&allows)
+    }
+
     fn rejection(&self, why: &mut Explanation) -> Abort {
         let mut first = None;
         why.clear();
@@ -260,12 +307,13 @@ impl Jury {
     }
 
     fn value_action(&mut self, agents: &mut Agents<'_>, moment: &Moment<'_>, action: &[f32]) -> Result<()> {
-        if self.needs.values {
+        let needs = self.present_needs();
+        if needs.values {
             let values = &mut self.present.values;
             agents.reset.q_values(moment.observation, action, values)?;
             check_finite("the reset values", values, values.len())?;
         }
-        if let Some(forward) = agents.forward.as_deref_mut().filter(|_| self.needs.forward_values) {
+        if let Some(forward) = agents.forward.as_deref_mut().filter(|_| needs.forward_values) {
             let values = &mut self.present.forward_values;
             values.resize(forward.info().members, f32::NAN);
             forward.q_values(moment.observation, action, values)?;
@@ -299,7 +347,7 @@ impl Jury {
         action: &[f32],
         gradients: &mut [f32],
     ) -> Result<()> {
-        if !self.needs.values {
+        if !self.present_needs().values {
             return Ok(());
         }
         let values = &mut self.present.values;
@@ -318,7 +366,7 @@ impl Jury {
         rows: &mut RowBuffer,
     ) -> Result<(), (Cause, Error)> {
         let context = context(&self.present, self.discount, self.phase, moment, action);
-        for juror in program.iter().map(|index| &self.jurors[*index]) {
+        for juror in program.iter().filter(|index| self.judges(**index)).map(|index| &self.jurors[*index]) {
             let own: &[f32] = if juror.needs.values { gradients } else { &[] };
             rows.soften(juror.slack);
             juror.rule.linearise(&context, own, rows).map_err(|error| {
@@ -357,5 +405,6 @@ fn context<'a>(
         forward_values: &said.forward_values,
         discount,
         phase,
+        ..RuleContext::default()
     }
 }

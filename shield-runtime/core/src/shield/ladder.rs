@@ -8,7 +8,7 @@ use super::{
     Agents, GivenValues, Moment,
     clock::Clock,
     explanation::Explanation,
-    jury::{Judgement, Jury},
+    jury::{Judgement, Jury, Scope},
     projection::Projector,
     rejected::Rejected,
 };
@@ -19,7 +19,7 @@ use crate::decision::{Abort, Cause, Decision, Projection};
 pub struct LadderSettings {
     /// The spaces of the environment.
     pub spaces: Spaces,
-    /// Steps at the beginning during which nothing is aborted.
+    /// Steps at the beginning during which rules that need learned values are not asked.
     pub warm_up_steps: u64,
     /// What the buffer holds after an abort where the reset agent's action is not usable. Must lie in the action space.
     pub fallback_action: Vec<f32>,
@@ -48,7 +48,8 @@ impl Ladder {
     /// what was rejected.
     pub fn filter(&mut self, mut agents: Agents<'_>, moment: &Moment<'_>, action: &mut [f32]) -> Decision {
         let clock = Clock::start(self.deadline);
-        let decision = self.decide(&mut agents, moment, action, Phase::Forward, clock);
+        let scope = self.forward_scope(moment);
+        let decision = self.decide(&mut agents, moment, action, Phase::Forward, scope, clock);
         self.conclude(decision, &mut agents, moment, action, clock)
     }
 
@@ -61,10 +62,10 @@ impl Ladder {
         action: &mut [f32],
     ) -> Decision {
         let clock = Clock::start(self.deadline);
-        self.jury.begin(Phase::Forward);
+        self.jury.begin(Phase::Forward, Scope::All);
         self.jury.note_proposed();
         let decision = Decision::Abort(self.why.failed(Cause::ForwardFailed, error));
-        self.make_safe(agents.reset, moment.observation, action);
+        self.make_safe(agents.reset, moment, action);
         self.conclude(decision, &mut agents, moment, action, clock)
     }
 
@@ -82,11 +83,11 @@ impl Ladder {
         if let Err(error) = told {
             decision = Decision::Abort(self.why.failed(Cause::RuleFailed, &error));
             self.why.is_final = true;
-            self.make_safe(agents.reset, moment.observation, action);
+            self.make_safe(agents.reset, moment, action);
         } else if decision.abort().is_none() && clock.is_late() {
             // The rules took too long to take note of it.
             decision = self.late();
-            self.make_safe(agents.reset, moment.observation, action);
+            self.make_safe(agents.reset, moment, action);
         }
         decision
     }
@@ -94,13 +95,12 @@ impl Ladder {
     /// Decides on `action` by values that were computed before, and tells every rule. Nothing is projected.
     pub fn judge_given(&mut self, given: &GivenValues<'_>, moment: &Moment<'_>, action: &[f32]) -> Decision {
         self.why.clear();
-        self.jury.begin(Phase::Forward);
-        let judged = match self.check_proposal(moment, action) {
-            Ok(()) if moment.step < self.settings.warm_up_steps => Ok(Decision::WarmUp),
-            Ok(()) => self.jury.judge_given(given, moment, action, &mut self.why).map(|()| Decision::Allow),
-            Err(abort) => Err(abort),
-        };
-        let decision = judged.unwrap_or_else(Decision::Abort);
+        let scope = self.forward_scope(moment);
+        self.jury.begin(Phase::Forward, scope);
+        let decision = self
+            .check_proposal(moment, action)
+            .and_then(|()| self.jury.judge_given(given, moment, action, &mut self.why))
+            .map_or_else(Decision::Abort, |()| allowed(scope));
         let observed = ObservedDecision { step: moment.step, aborted: decision.abort().is_some(), action };
         match self.jury.observe(&observed) {
             Ok(()) => decision,
@@ -108,10 +108,32 @@ impl Ladder {
         }
     }
 
-    /// As [`filter`](Self::filter), but no rule is told and nothing is projected: for actions of the reset agent.
+    /// Decides on an exploratory action of the reset agent by every rule; none is told. A rejected one is not projected: the agent's greedy
+    /// action takes its place.
     pub fn guard(&mut self, mut agents: Agents<'_>, moment: &Moment<'_>, action: &mut [f32]) -> Decision {
         let clock = Clock::start(self.deadline);
-        self.decide(&mut agents, moment, action, Phase::Reset, clock)
+        let scope = self.forward_scope(moment);
+        self.decide(&mut agents, moment, action, Phase::Reset, scope, clock)
+    }
+
+    /// Decides on any action of the reset agent by the rules that need nothing learned, which hold for every agent; none is told. `None` if there
+    /// is no such rule.
+    pub fn limit(
+        &mut self,
+        mut agents: Agents<'_>,
+        moment: &Moment<'_>,
+        action: &mut [f32],
+    ) -> Option<Decision> {
+        if !self.jury.has_limits() {
+            return None;
+        }
+        let clock = Clock::start(self.deadline);
+        Some(self.decide(&mut agents, moment, action, Phase::Reset, Scope::Limits, clock))
+    }
+
+    /// Which rules judge the forward agent's actions now.
+    fn forward_scope(&self, moment: &Moment<'_>) -> Scope {
+        if moment.step < self.settings.warm_up_steps { Scope::Limits } else { Scope::All }
     }
 
     /// Whether an action of the reset agent may be executed at all; no rule is asked.
@@ -126,7 +148,7 @@ impl Ladder {
 
     /// An abort without anyone being asked; the buffer holds the fallback action.
     pub fn refuse(&mut self, cause: Cause, action: &mut [f32]) -> Decision {
-        self.jury.begin(Phase::Forward);
+        self.jury.begin(Phase::Forward, Scope::All);
         self.why.forget();
         if !self.why.is_final {
             self.why.append(match cause {
@@ -140,7 +162,7 @@ impl Ladder {
 
     /// An abort because the reset agent failed; the buffer holds the fallback action.
     pub fn reset_failed(&mut self, error: &shield_api::Error, action: &mut [f32]) -> Decision {
-        self.jury.begin(Phase::Forward);
+        self.jury.begin(Phase::Forward, Scope::All);
         write_safe(&self.settings.fallback_action, action);
         Decision::Abort(self.why.failed(Cause::ResetFailed, error))
     }
@@ -187,16 +209,17 @@ impl Ladder {
         moment: &Moment<'_>,
         action: &mut [f32],
         phase: Phase,
+        scope: Scope,
         clock: Clock,
     ) -> Decision {
         self.why.clear();
-        self.jury.begin(phase);
+        self.jury.begin(phase, scope);
         let judged = self.judge(agents, moment, action);
         self.jury.note_proposed();
+        let is_projected = phase == Phase::Forward || scope == Scope::Limits;
         let mut decision = match judged {
-            Ok(()) if moment.step < self.settings.warm_up_steps => Decision::WarmUp,
-            Ok(()) => Decision::Allow,
-            Err(rejection) if phase == Phase::Forward && rejection.cause == Cause::Rejected => self
+            Ok(()) => allowed(scope),
+            Err(rejection) if is_projected && rejection.cause == Cause::Rejected => self
                 .project(agents, moment, action, rejection, clock)
                 .map_or_else(Decision::Abort, Decision::Project),
             Err(abort) => Decision::Abort(abort),
@@ -206,7 +229,7 @@ impl Ladder {
         }
         match decision {
             Decision::Project(_) => action.copy_from_slice(&self.other_action),
-            Decision::Abort(_) => self.make_safe(agents.reset, moment.observation, action),
+            Decision::Abort(_) => self.make_safe(agents.reset, moment, action),
             Decision::Allow | Decision::WarmUp | Decision::Resetting => {}
         }
         decision
@@ -219,9 +242,6 @@ impl Ladder {
 
     fn judge(&mut self, agents: &mut Agents<'_>, moment: &Moment<'_>, action: &[f32]) -> Result<(), Abort> {
         self.check_proposal(moment, action)?;
-        if moment.step < self.settings.warm_up_steps {
-            return Ok(());
-        }
         self.jury
             .value_state(agents, moment)
             .map_err(|error| self.why.failed(Cause::ValuesFailed, &error))?;
@@ -257,14 +277,25 @@ impl Ladder {
         })
     }
 
-    fn make_safe(&mut self, reset_agent: &mut dyn Learner, observation: &[f32], action: &mut [f32]) {
+    /// Writes the reset agent's greedy action, or the fallback action where that is not usable or breaks a limit.
+    fn make_safe(&mut self, reset_agent: &mut dyn Learner, moment: &Moment<'_>, action: &mut [f32]) {
+        let observation = moment.observation;
         let spaces = &self.settings.spaces;
         let is_usable = check_finite("the observation", observation, spaces.observation_len())
             .and_then(|()| reset_agent.act(observation, ActMode::Greedy, &mut self.other_action))
             .and_then(|()| spaces.action.check_action(&self.other_action))
-            .is_ok();
+            .is_ok()
+            && self.jury.limits_allow(moment, &self.other_action);
         let safe = if is_usable { &self.other_action } else { &self.settings.fallback_action };
         write_safe(safe, action);
+    }
+}
+
+/// What it is called that the rules of a scope allow an action.
+fn allowed(scope: Scope) -> Decision {
+    match scope {
+        Scope::All => Decision::Allow,
+        Scope::Limits => Decision::WarmUp,
     }
 }
 

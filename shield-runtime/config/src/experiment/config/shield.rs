@@ -23,7 +23,7 @@ pub struct ShieldConfig {
     pub between_attempts: BetweenAttempts,
     /// A reset episode ends as soon as the reset set is reached.
     pub stop_on_reset: bool,
-    /// Steps at the beginning during which nothing is aborted: untrained values would abort everything for ever.
+    /// Steps at the beginning during which rules that need learned values are not asked: untrained values would abort everything for ever.
     pub warm_up_steps: u64,
     /// The rules judge the reset agent's exploratory actions too; a rejected one is replaced by its greedy action.
     pub shield_exploration: bool,

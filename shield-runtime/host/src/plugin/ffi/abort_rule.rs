@@ -58,6 +58,7 @@ impl LoadedAbortRule {
             values: bits & need::VALUES != 0,
             greedy_values: bits & need::GREEDY_VALUES != 0,
             forward_values: bits & need::FORWARD_VALUES != 0,
+            ..Needs::default()
         };
         Ok(Self { handle, table, needs, spaces })
     }
