@@ -118,8 +118,11 @@ fn percentiles(_: &mut Criterion) {
         for _ in 0..5 {
             let mut action = proposed.clone();
             let start = Instant::now();
-            let decision =
-                black_box(shield.filter(Agents { reset: &mut agent, forward: None }, &moment, &mut action));
+            let decision = black_box(shield.filter(
+                Agents { reset: &mut agent, forward: None, success: None },
+                &moment,
+                &mut action,
+            ));
             if decision.projection().is_some_and(|projection| projection.iterations == 3) {
                 times.push(start.elapsed());
             }
@@ -163,7 +166,11 @@ fn decisions(criterion: &mut Criterion) {
                 bencher.iter_batched_ref(
                     || action.to_vec(),
                     |action| {
-                        black_box(shield.filter(Agents { reset: &mut agent, forward: None }, &moment, action))
+                        black_box(shield.filter(
+                            Agents { reset: &mut agent, forward: None, success: None },
+                            &moment,
+                            action,
+                        ))
                     },
                     BatchSize::SmallInput,
                 );

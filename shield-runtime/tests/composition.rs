@@ -93,7 +93,7 @@ const MOMENT: Moment<'static> = Moment { step: 0, observation: &[0.0], previous:
 fn decide(rules: RuleTree, projection: Option<ProjectionConfig>) -> (Decision, [f32; 2], String) {
     let mut ladder = ladder(rules, Space::uniform(2, -1.0, 1.0), projection);
     let mut action = [0.5, 0.5];
-    let agents = Agents { reset: &mut Table(vec![1.0]), forward: None };
+    let agents = Agents { reset: &mut Table(vec![1.0]), forward: None, success: None };
     let decision = ladder.filter(agents, &MOMENT, &mut action);
     (decision, action, ladder.reason().to_owned())
 }
@@ -203,7 +203,7 @@ fn best(forward: [f32; 4], reset: [f32; 4]) -> (Decision, f32) {
     let mut ladder = ladder(rules, Space::Discrete { n: 4 }, Some(ProjectionConfig::Best));
     let (mut reset, mut forward) = (Table(reset.to_vec()), Table(forward.to_vec()));
     let mut action = [3.0];
-    let agents = Agents { reset: &mut reset, forward: Some(&mut forward) };
+    let agents = Agents { reset: &mut reset, forward: Some(&mut forward), success: None };
     (ladder.filter(agents, &MOMENT, &mut action), action[0])
 }
 
@@ -218,7 +218,7 @@ fn a_discrete_action_is_projected_to_the_best_allowed_one() {
 
     let rules = RuleTree::Rule(Rule::below(0.5));
     let mut ladder = ladder(rules, Space::Discrete { n: 4 }, Some(ProjectionConfig::Best));
-    let agents = Agents { reset: &mut Table(vec![1.0, 1.0, 1.0, 0.0]), forward: None };
+    let agents = Agents { reset: &mut Table(vec![1.0, 1.0, 1.0, 0.0]), forward: None, success: None };
     assert_eq!(
         ladder.filter(agents, &MOMENT, &mut [3.0]).abort().unwrap().cause,
         Cause::ValuesFailed,
@@ -234,8 +234,11 @@ fn a_rule_judges_a_projected_action_by_its_own_forward_values() {
     });
     let tree = RuleTree::Rule(Box::new(Rule { needs, judge }));
     let mut ladder = ladder(tree, Space::Discrete { n: 4 }, Some(ProjectionConfig::Replace));
-    let agents =
-        Agents { reset: &mut Table(vec![1.0; 4]), forward: Some(&mut Table(vec![1.0, 2.0, 3.0, 9.0])) };
+    let agents = Agents {
+        reset: &mut Table(vec![1.0; 4]),
+        forward: Some(&mut Table(vec![1.0, 2.0, 3.0, 9.0])),
+        success: None,
+    };
     let mut action = [3.0];
     assert!(ladder.filter(agents, &MOMENT, &mut action).projection().is_some());
     assert_eq!((action, ladder.judgement().forward_values.as_slice()), ([0.0], &[9.0][..]));

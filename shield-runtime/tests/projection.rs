@@ -147,7 +147,7 @@ fn shield(rule: impl AbortRule + 'static, agent: &Plane, projection: ProjectionC
 }
 
 fn only(reset: &mut Plane) -> Agents<'_> {
-    Agents { reset, forward: None }
+    Agents { reset, forward: None, success: None }
 }
 
 fn moment() -> Moment<'static> {

@@ -23,7 +23,7 @@ fn reset_agent(values: &'static [f32]) -> Scripted {
 
 /// Whom a shield asks that has no forward learner.
 fn only(reset: &mut Scripted) -> Agents<'_> {
-    Agents { reset, forward: None }
+    Agents { reset, forward: None, success: None }
 }
 
 /// Decides on `action` at observation 0.
@@ -82,7 +82,7 @@ fn non_finite_numbers_and_wrong_lengths_abort() {
         let allow = Box::new(|_: &RuleContext<'_>| Ok(RuleVerdict::from_safe(true, 1.0)));
         let rule: Box<dyn AbortRule> = Box::new(Rule { needs, judge: allow });
         let mut curious = common::shield(vec![rule], &agent, 0);
-        let agents = Agents { reset: &mut agent, forward: Some(&mut forward) };
+        let agents = Agents { reset: &mut agent, forward: Some(&mut forward), success: None };
         let decision = curious.filter(agents, &moment(&[0.0]), &mut [0.0]);
         assert_eq!(cause(decision), Some(Cause::ValuesFailed), "{bad}");
     }

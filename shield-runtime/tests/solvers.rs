@@ -319,7 +319,8 @@ fn projected_actions_are_allowed_by_the_rules() {
             .unwrap();
         let mut action: Vec<f32> = (0..width).map(|_| random.random_range(-1.0..=1.0)).collect();
         let moment = Moment { step: 0, observation: &[0.0], previous: None };
-        let decision = ladder.filter(Agents { reset: &mut Idle, forward: None }, &moment, &mut action);
+        let decision =
+            ladder.filter(Agents { reset: &mut Idle, forward: None, success: None }, &moment, &mut action);
         assert!(action.iter().all(|value| (-1.0..=1.0).contains(value)), "decision {case}: {action:?}");
         match decision.abort() {
             None => assert!(Polytope(rows).excess(&action) <= 0.0, "decision {case}: {program:?} {action:?}"),

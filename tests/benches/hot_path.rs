@@ -53,7 +53,11 @@ fn filter(criterion: &mut Criterion) {
             bencher.iter(|| {
                 assert!(
                     shield
-                        .filter(Agents { reset: &mut agent, forward: None }, black_box(&moment), &mut action)
+                        .filter(
+                            Agents { reset: &mut agent, forward: None, success: None },
+                            black_box(&moment),
+                            &mut action
+                        )
                         .abort()
                         .is_none()
                 )

@@ -160,7 +160,7 @@ impl Evaluator {
             let moment = Moment { step, observation, previous: has_previous.then_some(&self.previous) };
             let forward = forward.as_deref_mut().and_then(ForwardAgent::learner);
             // A rejected action is replaced by the reset agent's for this step: the shield as deployed.
-            ladder.filter(shield::Agents { reset: &mut **reset, forward }, &moment, action);
+            ladder.filter(shield::Agents { reset: &mut **reset, forward, success: None }, &moment, action);
         }
         self.previous.copy_from_slice(action);
         Ok(())

@@ -49,7 +49,7 @@ fn allocations_per_run(environment: &str, q_min: &str) -> (u64, usize) {
             let moment = Moment { step: step as u64, observation: world.observation(), previous: None };
             aborts += usize::from(
                 shield
-                    .filter(Agents { reset: &mut reset, forward: None }, &moment, &mut action)
+                    .filter(Agents { reset: &mut reset, forward: None, success: None }, &moment, &mut action)
                     .abort()
                     .is_some(),
             );
@@ -106,7 +106,7 @@ fn a_projected_action_allocates_nothing() {
         for step in 0..count {
             let mut action: [f32; 6] = std::array::from_fn(|_| random.random_range(-0.4..=0.4));
             let moment = Moment { step, observation: &observation, previous: Some(&[0.0; 6]) };
-            let agents = Agents { reset: &mut reset, forward: None };
+            let agents = Agents { reset: &mut reset, forward: None, success: None };
             projected += usize::from(ladder.filter(agents, &moment, &mut action).projection().is_some());
         }
     };

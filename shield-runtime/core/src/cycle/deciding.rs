@@ -69,7 +69,7 @@ impl ResetCycle {
             previous: self.has_previous.then_some(&self.previous),
         };
         let forward = forward.as_mut().and_then(ForwardAgent::learner);
-        let agents = Agents { reset: reset.learner(), forward };
+        let agents = Agents { reset: reset.learner(), forward, success: None };
         let decision = match self.failure.take() {
             Some(error) => ladder.forward_failed(agents, &moment, &error, &mut self.action),
             None => ladder.filter(agents, &moment, &mut self.action),
@@ -108,7 +108,7 @@ impl ResetCycle {
             previous: self.has_previous.then_some(&self.previous),
         };
         let forward = forward.as_mut().and_then(ForwardAgent::learner);
-        let agents = Agents { reset: reset.learner(), forward };
+        let agents = Agents { reset: reset.learner(), forward, success: None };
         let decision = if self.settings.explores && self.settings.shield_exploration {
             ladder.guard(agents, &moment, &mut self.action)
         } else {

@@ -1,8 +1,13 @@
-//! The rules, and what they need to judge an action.
+//! The rules, and what they say of an action.
+
+mod judgement;
+mod valuing;
+
+pub use judgement::Judgement;
 
 use shield_api::{
-    AbortRule, ActMode, Error, ErrorKind, Learner, Needs, ObservedDecision, Phase, Reason, Result,
-    RuleContext, Verdict, check_finite,
+    AbortRule, Error, ErrorKind, Learner, Needs, ObservedAttempt, ObservedDecision, Phase, Reason, Result,
+    RuleContext, Verdict,
 };
 
 use super::{
@@ -34,35 +39,6 @@ impl Juror {
     }
 }
 
-/// What the rules were told of an action, and what they said.
-#[derive(Debug, Clone, Default)]
-pub struct Judgement {
-    /// The reset ensemble's values of the action; empty if no rule needs them.
-    pub values: Vec<f32>,
-    /// The reset ensemble's values of the reset agent's own action; empty if no rule needs them.
-    pub greedy_values: Vec<f32>,
-    /// The forward ensemble's values of the action; empty if no rule needs them.
-    pub forward_values: Vec<f32>,
-    /// What each rule compared, in the order of the experiment; NaN where it was not asked.
-    pub scores: Vec<f32>,
-}
-
-impl Judgement {
-    fn forget(&mut self) {
-        for numbers in [&mut self.values, &mut self.greedy_values, &mut self.forward_values, &mut self.scores]
-        {
-            numbers.fill(f32::NAN);
-        }
-    }
-
-    fn copy_from(&mut self, other: &Self) {
-        self.values.clone_from(&other.values);
-        self.greedy_values.clone_from(&other.greedy_values);
-        self.forward_values.clone_from(&other.forward_values);
-        self.scores.clone_from(&other.scores);
-    }
-}
-
 /// Which rules judge an action.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Scope {
@@ -86,6 +62,10 @@ pub(super) struct Jury {
     present: Judgement,
     /// Of the action that was proposed.
     proposed: Judgement,
+    /// Where the last reset ended: the success critic's estimates for the reset agent's own action.
+    start_probabilities: Vec<f32>,
+    /// Nothing was decided since the last reset.
+    is_at_start: bool,
     greedy_action: Vec<f32>,
     /// Of an action that may be executed instead.
     forward_values: Vec<f32>,
@@ -112,6 +92,8 @@ impl Jury {
             values: vec![f32::NAN; if needs.values { info.members } else { 0 }],
             greedy_values: vec![f32::NAN; if needs.greedy_values { info.members } else { 0 }],
             forward_values: Vec::new(),
+            probabilities: Vec::new(),
+            greedy_probabilities: Vec::new(),
             scores: vec![f32::NAN; jurors.len()],
         };
         Ok(Self {
@@ -124,6 +106,8 @@ impl Jury {
             has_limits,
             proposed: present.clone(),
             present,
+            start_probabilities: Vec::new(),
+            is_at_start: true,
             greedy_action: vec![0.0; action_len],
             forward_values: Vec::new(),
         })
@@ -131,6 +115,34 @@ impl Jury {
 
     pub fn needs(&self) -> Needs {
         self.needs
+    }
+
+    /// Makes room for the estimates of a success critic with so many members.
+    pub fn expect_probabilities(&mut self, members: usize) {
+        let room = |is_needed: bool| vec![f32::NAN; if is_needed { members } else { 0 }];
+        for judgement in [&mut self.present, &mut self.proposed] {
+            judgement.probabilities = room(self.needs.probabilities);
+            judgement.greedy_probabilities = room(self.needs.greedy_probabilities);
+        }
+        self.start_probabilities = room(self.needs.greedy_probabilities);
+    }
+
+    /// The estimates of the next decision are those of the start.
+    pub fn begin_cycle(&mut self) {
+        self.is_at_start = true;
+    }
+
+    /// The estimates at the start; `None` before the first decision since the last reset.
+    pub fn start_probabilities(&self) -> Option<&[f32]> {
+        (!self.is_at_start).then_some(&self.start_probabilities)
+    }
+
+    /// Goes on from estimates at the start that were kept.
+    pub fn go_on_from(&mut self, start_probabilities: Option<&[f32]>) {
+        self.is_at_start = start_probabilities.is_none();
+        if let Some(start) = start_probabilities {
+            start.clone_into(&mut self.start_probabilities);
+        }
     }
 
     /// Whether some rule needs nothing learned, and so holds for every agent from the first step.
@@ -176,17 +188,6 @@ impl Jury {
         self.proposed.forget();
     }
 
-    /// Computes what the rules need of the state alone, once per decision.
-    pub fn value_state(&mut self, agents: &mut Agents<'_>, moment: &Moment<'_>) -> Result<()> {
-        if !self.present_needs().greedy_values {
-            return Ok(());
-        }
-        let values = &mut self.present.greedy_values;
-        agents.reset.act(moment.observation, ActMode::Greedy, &mut self.greedy_action)?;
-        agents.reset.q_values(moment.observation, &self.greedy_action, values)?;
-        check_finite("the reset values", values, values.len())
-    }
-
     /// Values an action and lets every rule judge it. A rejection by rules is explained by them, everything else by its error.
     pub fn judge(
         &mut self,
@@ -209,24 +210,6 @@ impl Jury {
     ) -> Result<(), Abort> {
         self.take(given).map_err(|error| why.failed(Cause::ValuesFailed, &error))?;
         self.ask_all(moment, action, why)
-    }
-
-    fn take(&mut self, given: &GivenValues<'_>) -> Result<()> {
-        let needs = self.present_needs();
-        let Judgement { values, greedy_values, forward_values, .. } = &mut self.present;
-        if needs.values {
-            check_finite("the reset values", given.values, values.len())?;
-            values.copy_from_slice(given.values);
-        }
-        if needs.greedy_values {
-            check_finite("the reset values", given.greedy_values, greedy_values.len())?;
-            greedy_values.copy_from_slice(given.greedy_values);
-        }
-        if needs.forward_values {
-            check_finite("the forward values", given.forward_values, given.forward_values.len())?;
-            given.forward_values.clone_into(forward_values);
-        }
-        Ok(())
     }
 
     fn ask_all(&mut self, moment: &Moment<'_>, action: &[f32], why: &mut Explanation) -> Result<(), Abort> {
@@ -257,7 +240,8 @@ impl Jury {
         action: &[f32],
         why: &mut Explanation,
     ) -> Option<Cause> {
-        let context = context(&self.present, self.discount, self.phase, moment, action);
+        let context =
+            context(&self.present, &self.start_probabilities, self.discount, self.phase, moment, action);
         let juror = &mut self.jurors[index];
         let mut reason = Reason::new(&mut juror.sentence[..]);
         let judged = juror.rule.evaluate(&context, &mut reason);
@@ -281,7 +265,14 @@ impl Jury {
     pub fn limits_allow(&self, moment: &Moment<'_>, action: &[f32]) -> bool {
         let allows = |rule: usize| {
             let juror: &Juror = &self.jurors[rule];
-            let context = context(&self.present, self.discount, Phase::Reset, moment, action);
+            let context = context(
+                &self.present,
+                &self.start_probabilities,
+                self.discount,
+                Phase::Reset,
+                moment,
+                action,
+            );
             juror.needs.anything_learned()
                 || juror
                     .rule
@@ -306,68 +297,23 @@ impl Jury {
         Abort { cause: Cause::Rejected, rule, score }
     }
 
-    fn value_action(&mut self, agents: &mut Agents<'_>, moment: &Moment<'_>, action: &[f32]) -> Result<()> {
-        let needs = self.present_needs();
-        if needs.values {
-            let values = &mut self.present.values;
-            agents.reset.q_values(moment.observation, action, values)?;
-            check_finite("the reset values", values, values.len())?;
-        }
-        if let Some(forward) = agents.forward.as_deref_mut().filter(|_| needs.forward_values) {
-            let values = &mut self.present.forward_values;
-            values.resize(forward.info().members, f32::NAN);
-            forward.q_values(moment.observation, action, values)?;
-            check_finite("the forward values", values, values.len())?;
-        }
-        Ok(())
-    }
-
-    /// The mean of the forward ensemble's values of an action.
-    pub fn forward_mean(
-        &mut self,
-        agents: &mut Agents<'_>,
-        moment: &Moment<'_>,
-        action: &[f32],
-    ) -> Result<f32> {
-        let Some(forward) = agents.forward.as_deref_mut() else {
-            return Err(Error::failed("the forward agent is a policy, which values nothing"));
-        };
-        let values = &mut self.forward_values;
-        values.resize(forward.info().members, f32::NAN);
-        forward.q_values(moment.observation, action, values)?;
-        check_finite("the forward values", values, values.len())?;
-        Ok((values.iter().copied().map(f64::from).sum::<f64>() / values.len() as f64) as f32)
-    }
-
-    /// Computes ∂Q/∂action of each member at `action` into `gradients`, if some rule needs the values.
-    pub fn differentiate(
-        &mut self,
-        agents: &mut Agents<'_>,
-        moment: &Moment<'_>,
-        action: &[f32],
-        gradients: &mut [f32],
-    ) -> Result<()> {
-        if !self.present_needs().values {
-            return Ok(());
-        }
-        let values = &mut self.present.values;
-        agents.reset.q_gradients(moment.observation, action, values, gradients)?;
-        check_finite("the reset values", values, values.len())?;
-        check_finite("the gradients", gradients, gradients.len())
-    }
-
-    /// Collects the rows of some rules around `action`, whose gradients these are.
+    /// Collects the rows of some rules around `action`, whose gradients these are: of the values and of the probabilities.
     pub fn linearise(
         &self,
         program: &[usize],
         moment: &Moment<'_>,
         action: &[f32],
-        gradients: &[f32],
+        [of_values, of_probabilities]: [&[f32]; 2],
         rows: &mut RowBuffer,
     ) -> Result<(), (Cause, Error)> {
-        let context = context(&self.present, self.discount, self.phase, moment, action);
+        let context =
+            context(&self.present, &self.start_probabilities, self.discount, self.phase, moment, action);
         for juror in program.iter().filter(|index| self.judges(**index)).map(|index| &self.jurors[*index]) {
-            let own: &[f32] = if juror.needs.values { gradients } else { &[] };
+            let own: &[f32] = match juror.needs {
+                Needs { probabilities: true, .. } => of_probabilities,
+                Needs { values: true, .. } => of_values,
+                _ => &[],
+            };
             rows.soften(juror.slack);
             juror.rule.linearise(&context, own, rows).map_err(|error| {
                 let is_unable = error.kind() == ErrorKind::Unsupported;
@@ -382,6 +328,11 @@ impl Jury {
         self.jurors.iter_mut().map(|juror| juror.rule.observe(decision)).fold(Ok(()), Result::and)
     }
 
+    /// Tells every rule how an attempt ended.
+    pub fn observe_attempt(&mut self, attempt: &ObservedAttempt) -> Result<()> {
+        self.jurors.iter_mut().map(|juror| juror.rule.observe_attempt(attempt)).fold(Ok(()), Result::and)
+    }
+
     /// The rules themselves, in the order of the experiment, for their states.
     pub fn rules(&mut self) -> impl Iterator<Item = &mut dyn AbortRule> {
         self.jurors.iter_mut().map(|juror| &mut *juror.rule as &mut dyn AbortRule)
@@ -390,6 +341,7 @@ impl Jury {
 
 fn context<'a>(
     said: &'a Judgement,
+    start_probabilities: &'a [f32],
     discount: f32,
     phase: Phase,
     moment: &Moment<'a>,
@@ -403,8 +355,10 @@ fn context<'a>(
         values: &said.values,
         greedy_values: &said.greedy_values,
         forward_values: &said.forward_values,
+        probabilities: &said.probabilities,
+        greedy_probabilities: &said.greedy_probabilities,
+        start_probabilities,
         discount,
         phase,
-        ..RuleContext::default()
     }
 }

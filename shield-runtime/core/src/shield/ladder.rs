@@ -2,7 +2,9 @@
 
 use std::time::Duration;
 
-use shield_api::{AbortRule, ActMode, Learner, Needs, ObservedDecision, Phase, Spaces, check_finite};
+use shield_api::{
+    AbortRule, ActMode, Learner, Needs, ObservedAttempt, ObservedDecision, Phase, Spaces, check_finite,
+};
 
 use super::{
     Agents, GivenValues, Moment,
@@ -29,7 +31,8 @@ pub struct LadderSettings {
 /// files, no printing. Whatever goes wrong on the way to a verdict aborts.
 pub struct Ladder {
     pub(super) jury: Jury,
-    pub(super) members: usize,
+    /// Of the reset agent and of the success critic.
+    pub(super) members: [usize; 2],
     pub(super) projector: Option<Projector>,
     pub(super) deadline: Option<Duration>,
     pub(super) settings: LadderSettings,
@@ -196,6 +199,29 @@ impl Ladder {
     /// What the rules were told of the action that was proposed last, and what they compared; NaN where it did not come to that.
     pub fn judgement(&self) -> &Judgement {
         self.jury.proposed()
+    }
+
+    /// Nothing has to be undone: the reset set was reached, or a hard reset is done. The next decision is measured against its own state.
+    pub fn begin_cycle(&mut self) {
+        self.jury.begin_cycle();
+    }
+
+    /// The undo probabilities where the last reset ended, to be kept; `None` before the first decision since then.
+    pub fn start_probabilities(&self) -> Option<&[f32]> {
+        self.jury.start_probabilities()
+    }
+
+    /// Goes on from what [`start_probabilities`](Self::start_probabilities) gave.
+    pub fn go_on_from(&mut self, start_probabilities: Option<&[f32]>) {
+        self.jury.go_on_from(start_probabilities);
+    }
+
+    /// Tells every rule how an attempt ended.
+    ///
+    /// # Errors
+    /// A rule failed.
+    pub fn observe_attempt(&mut self, attempt: &ObservedAttempt) -> shield_api::Result<()> {
+        self.jury.observe_attempt(attempt)
     }
 
     /// The rules in the order of the experiment, to keep their states.

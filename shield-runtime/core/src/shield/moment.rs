@@ -1,6 +1,6 @@
 //! What a decision is made from.
 
-use shield_api::Learner;
+use shield_api::{Learner, SuccessCritic};
 
 /// What the ladder is told of the moment in which an action is proposed.
 #[derive(Debug, Clone, Copy)]
@@ -19,6 +19,8 @@ pub struct Agents<'a> {
     pub reset: &'a mut dyn Learner,
     /// Values the task; `None` where the forward agent is a policy.
     pub forward: Option<&'a mut dyn Learner>,
+    /// Estimates how likely an action can be undone; `None` where no rule needs it.
+    pub success: Option<&'a mut dyn SuccessCritic>,
 }
 
 /// Values of an action that were computed before, for [`Ladder::judge_given`](super::Ladder::judge_given); empty where they were not.
@@ -30,4 +32,10 @@ pub struct GivenValues<'a> {
     pub greedy_values: &'a [f32],
     /// The forward ensemble's values of the action.
     pub forward_values: &'a [f32],
+    /// The success critic's estimates for the action.
+    pub probabilities: &'a [f32],
+    /// The same for the reset agent's own action.
+    pub greedy_probabilities: &'a [f32],
+    /// The same where the last reset ended.
+    pub start_probabilities: &'a [f32],
 }

@@ -22,7 +22,7 @@ pub(super) enum Projector {
 }
 
 impl Projector {
-    pub fn new(config: ProjectionConfig, space: &Space, members: usize, jury: &Jury) -> Result<Self> {
+    pub fn new(config: ProjectionConfig, space: &Space, members: [usize; 2], jury: &Jury) -> Result<Self> {
         Ok(match (config, space) {
             (ProjectionConfig::Replace, _) => Self::Replace,
             (ProjectionConfig::Best, Space::Discrete { n }) => Self::Best(*n),

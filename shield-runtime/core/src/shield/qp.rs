@@ -32,6 +32,8 @@ pub(super) struct Qp {
     /// How far each dimension may move.
     reach: Vec<f64>,
     gradients: Vec<f32>,
+    /// The same of the undo probabilities.
+    undo_gradients: Vec<f32>,
     rows: RowBuffer,
     /// Bounds of y: those of the action, then those of the slacks.
     lower: Vec<f64>,
@@ -41,7 +43,13 @@ pub(super) struct Qp {
 }
 
 impl Qp {
-    pub fn new(config: QpConfig, low: &[f32], high: &[f32], members: usize, jury: &Jury) -> Result<Self> {
+    pub fn new(
+        config: QpConfig,
+        low: &[f32],
+        high: &[f32],
+        [members, critic_members]: [usize; 2],
+        jury: &Jury,
+    ) -> Result<Self> {
         let width = low.len();
         let weights = config.weights.unwrap_or_else(|| vec![1.0; width]);
         if weights.len() != width {
@@ -73,6 +81,7 @@ impl Qp {
             high: high.to_vec(),
             reach,
             gradients: vec![f32::NAN; members * width],
+            undo_gradients: vec![f32::NAN; critic_members * width],
             lower: vec![0.0; width + slacks],
             upper: vec![f64::INFINITY; width + slacks],
             y: vec![0.0; width + slacks],
@@ -124,8 +133,12 @@ impl Qp {
             }
             self.rows.start(proposed);
             jury.differentiate(agents, moment, &self.candidate, &mut self.gradients)
+                .and_then(|()| {
+                    let gradients = &mut self.undo_gradients;
+                    jury.differentiate_probabilities(agents, moment, &self.candidate, gradients)
+                })
                 .map_err(|error| (Cause::GradientsFailed, error.to_string()))?;
-            let (rules, gradients) = (&self.programs[program], &self.gradients);
+            let (rules, gradients) = (&self.programs[program], [&self.gradients[..], &self.undo_gradients]);
             jury.linearise(rules, moment, &self.candidate, gradients, &mut self.rows)
                 .map_err(|(cause, error)| (cause, error.to_string()))?;
             self.step(proposed)?;

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use shield_api::{Error, Learner, Result, Space};
+use shield_api::{Error, Learner, Result, Space, SuccessCriticInfo};
 
 use super::{
     explanation::Explanation,
@@ -28,7 +28,7 @@ impl Ladder {
         let width = settings.spaces.action_len();
         Ok(Self {
             jury: Jury::new(rules.into(), reset_agent, width)?,
-            members: reset_agent.info().members,
+            members: [reset_agent.info().members, 0],
             projector: None,
             deadline: None,
             settings,
@@ -37,12 +37,23 @@ impl Ladder {
         })
     }
 
+    /// For a success critic like this one; to be said before [`with_projection`](Self::with_projection).
+    #[must_use]
+    pub fn with_success_critic(mut self, critic: SuccessCriticInfo) -> Self {
+        self.members[1] = critic.members;
+        self.jury.expect_probabilities(critic.members);
+        self
+    }
+
     /// With something to try before an action is aborted.
     ///
     /// # Errors
     /// It does not fit the action space or the rules.
     pub fn with_projection(mut self, config: ProjectionConfig) -> Result<Self> {
-        let members = if self.needs().values { self.members } else { 0 };
+        let needs = self.needs();
+        let [values, probabilities] = self.members;
+        let members =
+            [if needs.values { values } else { 0 }, if needs.probabilities { probabilities } else { 0 }];
         self.projector = Some(Projector::new(config, &self.settings.spaces.action, members, &self.jury)?);
         Ok(self)
     }

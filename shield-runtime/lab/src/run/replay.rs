@@ -66,6 +66,7 @@ fn judge(ladder: &mut Ladder, row: &DecisionRow, replay: &mut Replay) {
         values: &row.values,
         greedy_values: &row.greedy_values,
         forward_values: &row.forward_values,
+        ..GivenValues::default()
     };
     let decision = ladder.judge_given(&given, &moment, &row.proposed);
     replay.decisions += 1;

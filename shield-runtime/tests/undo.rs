@@ -1,0 +1,186 @@
+//! The ladder with a success critic: what rules are given of it, and that whatever fails in it aborts.
+
+#![allow(clippy::unwrap_used, reason = "tests")]
+
+mod common;
+
+use std::sync::{Arc, Mutex};
+
+use common::{Rule, Scripted, spaces};
+use shield_api::{
+    AbortRule, AttemptBatch, Checkpoint, Error, Needs, ObservedAttempt, Reason, Result, Rows, RuleContext,
+    RuleVerdict, SuccessCritic, SuccessCriticInfo,
+};
+use shield_runtime::{
+    decision::{Cause, Decision},
+    settings::{ProjectionConfig, QpConfig},
+    shield::{Agents, Ladder, LadderSettings, Moment},
+};
+
+const NEEDS: Needs = Needs {
+    values: false,
+    greedy_values: false,
+    forward_values: false,
+    probabilities: true,
+    greedy_probabilities: true,
+};
+
+/// P(s, a) = observation − action for both members, and its gradient.
+struct Slope;
+
+impl Checkpoint for Slope {}
+
+impl SuccessCritic for Slope {
+    fn info(&self) -> SuccessCriticInfo {
+        SuccessCriticInfo { members: 2 }
+    }
+
+    fn probabilities(
+        &mut self,
+        observation: &[f32],
+        action: &[f32],
+        probabilities: &mut [f32],
+    ) -> Result<()> {
+        probabilities.fill(observation[0] - action[0]);
+        Ok(())
+    }
+
+    fn gradients(
+        &mut self,
+        observation: &[f32],
+        action: &[f32],
+        probabilities: &mut [f32],
+        gradients: &mut [f32],
+    ) -> Result<()> {
+        self.probabilities(observation, action, probabilities)?;
+        gradients.fill(-1.0);
+        Ok(())
+    }
+
+    fn update(&mut self, _: &AttemptBatch<'_>) -> Result<()> {
+        Ok(())
+    }
+}
+
+fn ladder(rule: Box<dyn AbortRule>, reset: &Scripted) -> Ladder {
+    let settings = LadderSettings { spaces: spaces(), warm_up_steps: 0, fallback_action: vec![-0.25] };
+    Ladder::new(vec![rule], reset, settings).unwrap().with_success_critic(Slope.info())
+}
+
+/// A reset agent whose own action is 0.1.
+fn reset_agent() -> Scripted {
+    Scripted::acting(|_, _| 0.1)
+}
+
+fn filter(ladder: &mut Ladder, observation: f32, action: &mut f32) -> Decision {
+    let (mut reset, mut critic) = (reset_agent(), Slope);
+    let agents = Agents { reset: &mut reset, forward: None, success: Some(&mut critic) };
+    let moment = Moment { step: 0, observation: &[observation], previous: None };
+    ladder.filter(agents, &moment, std::slice::from_mut(action))
+}
+
+#[test]
+fn a_rule_is_given_the_probabilities_of_the_action_of_the_reset_agents_action_and_of_the_start() {
+    let seen = Arc::new(Mutex::new(Vec::new()));
+    let notes = Arc::clone(&seen);
+    let judge = move |context: &RuleContext<'_>| {
+        let means = [context.probabilities, context.greedy_probabilities, context.start_probabilities];
+        notes.lock().unwrap().push(means.map(|members| {
+            assert_eq!(members.len(), 2);
+            (members[0] * 100.0).round()
+        }));
+        Ok(RuleVerdict::from_safe(true, 1.0))
+    };
+    let mut ladder = ladder(Box::new(Rule { needs: NEEDS, judge: Box::new(judge) }), &reset_agent());
+    assert!(ladder.start_probabilities().is_none());
+    assert_eq!(filter(&mut ladder, 0.9, &mut 0.2), Decision::Allow);
+    assert_eq!(filter(&mut ladder, 0.6, &mut 0.2), Decision::Allow);
+    ladder.begin_cycle();
+    assert_eq!(filter(&mut ladder, 0.5, &mut 0.3), Decision::Allow);
+    assert_eq!(*seen.lock().unwrap(), [[70.0, 80.0, 80.0], [40.0, 50.0, 80.0], [20.0, 40.0, 40.0]]);
+
+    // What was kept of the start is gone on from.
+    let start = ladder.start_probabilities().unwrap().to_vec();
+    ladder.begin_cycle();
+    ladder.go_on_from(Some(&start));
+    assert_eq!(filter(&mut ladder, 0.9, &mut 0.2), Decision::Allow);
+    assert_eq!(seen.lock().unwrap().last(), Some(&[70.0, 80.0, 40.0]));
+}
+
+#[test]
+fn what_is_no_probability_aborts() {
+    let allow =
+        || Box::new(Rule { needs: NEEDS, judge: Box::new(|_| Ok(RuleVerdict::from_safe(true, 1.0))) });
+    for observation in [1.2, 0.2, f32::MAX] {
+        let mut action = 0.15;
+        let decision = filter(&mut ladder(allow(), &reset_agent()), observation, &mut action);
+        let is_probability = (0.0..=1.0).contains(&(observation - 0.1));
+        let cause = decision.abort().map(|abort| abort.cause);
+        assert_eq!(cause, (!is_probability).then_some(Cause::ValuesFailed), "{observation}");
+        assert_eq!(action, if is_probability { 0.15 } else { 0.1 });
+    }
+}
+
+#[test]
+fn a_rule_that_needs_probabilities_aborts_without_a_critic() {
+    let rule = Rule { needs: NEEDS, judge: Box::new(|_| Ok(RuleVerdict::from_safe(true, 1.0))) };
+    let mut reset = reset_agent();
+    let mut ladder = ladder(Box::new(rule), &reset);
+    let agents = Agents { reset: &mut reset, forward: None, success: None };
+    let moment = Moment { step: 0, observation: &[0.5], previous: None };
+    let decision = ladder.filter(agents, &moment, &mut [0.2]);
+    assert_eq!(decision.abort().map(|abort| abort.cause), Some(Cause::ValuesFailed));
+    assert!(ladder.reason().contains("no success critic"), "{}", ladder.reason());
+}
+
+/// Allows P ≥ 0.5, and says so in rows.
+struct Half {
+    attempts: Arc<Mutex<Vec<ObservedAttempt>>>,
+}
+
+impl Checkpoint for Half {}
+
+impl AbortRule for Half {
+    fn needs(&self) -> Needs {
+        Needs { probabilities: true, ..Needs::default() }
+    }
+
+    fn evaluate(&self, context: &RuleContext<'_>, _: &mut Reason<'_>) -> Result<RuleVerdict> {
+        let least = context.probabilities[0];
+        Ok(RuleVerdict::from_safe(least >= 0.5, least))
+    }
+
+    fn linearise(&self, context: &RuleContext<'_>, gradients: &[f32], rows: &mut dyn Rows) -> Result<()> {
+        assert_eq!(gradients, [-1.0, -1.0]);
+        // P + gradient · (a − proposed) ≥ 0.5.
+        let slope = gradients[0];
+        rows.push(&[-slope], context.probabilities[0] - slope * context.proposed[0] - 0.5)
+    }
+
+    fn observe_attempt(&mut self, attempt: &ObservedAttempt) -> Result<()> {
+        self.attempts.lock().unwrap().push(*attempt);
+        if attempt.step == 7 { Err(Error::failed("not this one")) } else { Ok(()) }
+    }
+}
+
+#[test]
+fn an_action_is_projected_by_the_gradients_of_the_probabilities() {
+    let rule = Half { attempts: Arc::default() };
+    let projection = ProjectionConfig::Qp(QpConfig { margin: 0.01, ..QpConfig::default() });
+    let mut ladder = ladder(Box::new(rule), &reset_agent()).with_projection(projection).unwrap();
+    let mut action = 0.6;
+    let decision = filter(&mut ladder, 0.9, &mut action);
+    assert!(decision.projection().is_some(), "{decision:?}: {}", ladder.reason());
+    assert!((0.38..=0.4).contains(&action), "{action} is not the nearest with P ≥ 0.5");
+}
+
+#[test]
+fn every_rule_is_told_how_an_attempt_ended() {
+    let attempts = Arc::default();
+    let rule = Half { attempts: Arc::clone(&attempts) };
+    let mut ladder = ladder(Box::new(rule), &reset_agent());
+    let told = [ObservedAttempt { step: 3, succeeded: true }, ObservedAttempt { step: 5, succeeded: false }];
+    told.iter().for_each(|attempt| ladder.observe_attempt(attempt).unwrap());
+    assert_eq!(*attempts.lock().unwrap(), told);
+    assert!(ladder.observe_attempt(&ObservedAttempt { step: 7, succeeded: true }).is_err());
+}
