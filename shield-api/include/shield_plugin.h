@@ -15,9 +15,9 @@
 // Major version of the tables; a library of another major version is refused.
 #define SHIELD_ABI_MAJOR 1
 // Minor version of the tables: grows with look-ups by name, never with fields.
-#define SHIELD_ABI_MINOR 0
+#define SHIELD_ABI_MINOR 1
 // Both, as the manifest writes them.
-#define SHIELD_ABI_VERSION "1.0"
+#define SHIELD_ABI_VERSION "1.1"
 // The symbol that every library exports for readers of C: a function returning `*const PluginLibrary`.
 #define SHIELD_ENTRY_SYMBOL "shield_plugin_entry_v1"
 // Extension of an environment: `StartsTable`.
@@ -28,6 +28,10 @@
 #define SHIELD_EXTENSION_RENDER "shield.environment.render/1"
 // Extension of a learner: `WeightsTable`.
 #define SHIELD_EXTENSION_WEIGHTS "shield.learner.weights/1"
+// Extension of a success critic, which must have it: `SuccessCriticTable`.
+#define SHIELD_EXTENSION_SUCCESS_CRITIC "shield.success_critic/1"
+// Extension of an abort rule that needs undo probabilities, or learns from attempts: `UndoRuleTable`.
+#define SHIELD_EXTENSION_UNDO_RULE "shield.abort_rule.undo/1"
 
 // The statuses. A number that is not listed counts as `FAILED`(status::FAILED).
 // The call did what it should.
@@ -54,6 +58,9 @@
 #define SHIELD_KIND_ABORT_RULE 4
 // A reset task.
 #define SHIELD_KIND_RESET_TASK 5
+// A success critic (since 1.1). It sets the table of a learner, whose values are probabilities and which neither acts nor updates, and
+// has the extension `SuccessCriticTable`(super::SuccessCriticTable).
+#define SHIELD_KIND_SUCCESS_CRITIC 6
 
 // The kinds of space, as `SpaceView::kind`.
 // No space is given.
@@ -80,6 +87,10 @@
 #define SHIELD_NEED_GREEDY_VALUES 2
 // The forward ensemble's values of the proposed action.
 #define SHIELD_NEED_FORWARD_VALUES 4
+// The success critic's estimates for the proposed action (since 1.1; takes the extension `UndoRuleTable`(super::UndoRuleTable)).
+#define SHIELD_NEED_PROBABILITIES 8
+// The same for the reset agent's greedy action, here and at the start (since 1.1; takes the same extension).
+#define SHIELD_NEED_GREEDY_PROBABILITIES 16
 
 // The verdicts in `VerdictView::verdict`; 0 and every other number reject.
 // The action may be executed.
@@ -446,6 +457,83 @@ typedef struct ShieldAbortRuleTable {
   // Learns what became of the decision.
   int32_t (*observe)(ShieldInstance *instance, const struct ShieldObservedDecisionView *decision);
 } ShieldAbortRuleTable;
+
+// A batch of transitions with what became of the attempts, row by row; see `crate::AttemptBatch`.
+typedef struct ShieldAttemptBatchView {
+  // Size of this struct in bytes.
+  size_t struct_size;
+  // How many transitions.
+  size_t size;
+  // States, `size × observation length`.
+  struct ShieldFloats observations;
+  // Executed actions, `size × action length`.
+  struct ShieldFloats actions;
+  // States that followed, `size × observation length`.
+  struct ShieldFloats next_observations;
+  // What the reset agent does in them, `size × action length`.
+  struct ShieldFloats next_actions;
+  // 1 where the next state lies in the reset set, `size`.
+  struct ShieldFloats successes;
+  // 1 where the next state's estimate counts, 0 where nothing follows; `size`.
+  struct ShieldFloats continuations;
+  // 1 if the attempt reached the reset set, else 0; `size`.
+  struct ShieldFloats outcomes;
+  // How much the outcome counts, 0 to 1; `size`.
+  struct ShieldFloats outcome_weights;
+  // 1 where the member learns from the transition, else 0; `size × members`.
+  struct ShieldFloats masks;
+} ShieldAttemptBatchView;
+
+// Extension of success critics: how they learn.
+typedef struct ShieldSuccessCriticTable {
+  // Size of this struct in bytes.
+  size_t struct_size;
+  // Learns from a batch.
+  int32_t (*update)(ShieldInstance *instance, const struct ShieldAttemptBatchView *batch);
+} ShieldSuccessCriticTable;
+
+// Undo probabilities beside a `RuleContextView`, one per member of the success critic; empty where the rule needs none.
+typedef struct ShieldUndoView {
+  // Size of this struct in bytes.
+  size_t struct_size;
+  // Of the proposed action.
+  struct ShieldFloats probabilities;
+  // Of the reset agent's greedy action.
+  struct ShieldFloats greedy_probabilities;
+  // Of the reset agent's greedy action in the state in which the last reset ended.
+  struct ShieldFloats start_probabilities;
+} ShieldUndoView;
+
+// How an attempt to reset ended; see `crate::ObservedAttempt`.
+typedef struct ShieldObservedAttemptView {
+  // Size of this struct in bytes.
+  size_t struct_size;
+  // Environment steps so far.
+  uint64_t step;
+  // 1 if the reset set was reached.
+  uint32_t succeeded;
+} ShieldObservedAttemptView;
+
+// Extension of abort rules: the functions of `AbortRuleTable` with undo probabilities, which the host calls instead of them, and what
+// became of attempts.
+typedef struct ShieldUndoRuleTable {
+  // Size of this struct in bytes.
+  size_t struct_size;
+  // Judges an action.
+  int32_t (*evaluate)(ShieldInstance *instance,
+                      const struct ShieldRuleContextView *context,
+                      const struct ShieldUndoView *undo,
+                      struct ShieldVerdictView *verdict);
+  // Gives the rule as rows; `gradients` are those of the probabilities where the rule needs them, else of the values.
+  int32_t (*linearise)(ShieldInstance *instance,
+                       const struct ShieldRuleContextView *context,
+                       const struct ShieldUndoView *undo,
+                       struct ShieldFloats gradients,
+                       const struct ShieldRowSink *rows);
+  // Learns how an attempt ended.
+  int32_t (*observe_attempt)(ShieldInstance *instance,
+                             const struct ShieldObservedAttemptView *attempt);
+} ShieldUndoRuleTable;
 
 // What `ResetTaskTable::evaluate` fills.
 typedef struct ShieldResetSignalView {

@@ -109,6 +109,7 @@ fn rule(criterion: &mut Criterion) {
             forward_values: &[],
             discount: 0.99,
             phase: Phase::Forward,
+            ..RuleContext::default()
         };
         criterion.bench_function(&format!("ensemble-threshold, 20 members, {name}"), |bencher| {
             bencher.iter(|| rule.evaluate(black_box(&context), &mut Reason::new(&mut room)).is_ok());

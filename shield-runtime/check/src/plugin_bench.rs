@@ -63,6 +63,7 @@ pub fn bench(
         Kind::Policy => bench.policy()?,
         Kind::AbortRule => bench.abort_rule()?,
         Kind::ResetTask => bench.reset_task()?,
+        Kind::SuccessCritic => bench.success_critic()?,
     }
     Ok(bench.meter.measured)
 }

@@ -4,8 +4,9 @@ mod candidate;
 mod draw;
 mod kinds;
 mod probe;
+mod success_critic;
 
-use shield_api::{AbortRule, Checkpoint, Learner, Policy, ResetTask};
+use shield_api::{AbortRule, Checkpoint, Learner, Policy, ResetTask, SuccessCritic};
 
 pub use candidate::Candidate;
 pub(crate) use draw::{Draw, DrawnBatch};
@@ -167,6 +168,9 @@ fn probed(candidate: &Candidate<'_>, question: Question) -> Finding {
         Kind::AbortRule => ask!(dyn AbortRule, abort_rule, kinds::rule_round, kinds::rule_refusals),
         Kind::ResetTask => {
             ask!(dyn ResetTask, reset_task, kinds::reset_task_round, kinds::reset_task_refusals)
+        }
+        Kind::SuccessCritic => {
+            ask!(dyn SuccessCritic, success_critic, success_critic::round, success_critic::refusals)
         }
         Kind::Environment => Err("an environment has checks of its own".into()),
     }

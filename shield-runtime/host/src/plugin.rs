@@ -22,8 +22,8 @@ mod trust;
 pub use entry::{Entry, Identity, Selection, Skipped};
 pub use error::PluginError;
 pub use ffi::{
-    LoadedAbortRule, LoadedEnvironment, LoadedLearner, LoadedPolicy, LoadedResetTask, host,
-    host_without_metrics,
+    LoadedAbortRule, LoadedEnvironment, LoadedLearner, LoadedPolicy, LoadedResetTask, LoadedSuccessCritic,
+    host, host_without_metrics,
 };
 pub use file::fingerprint;
 pub use library::Library;
@@ -49,12 +49,20 @@ pub enum Kind {
     AbortRule,
     /// What "undone" means.
     ResetTask,
+    /// How likely an action can be undone.
+    SuccessCritic,
 }
 
 impl Kind {
     /// Every kind.
-    pub const ALL: [Self; 5] =
-        [Self::Environment, Self::Learner, Self::Policy, Self::AbortRule, Self::ResetTask];
+    pub const ALL: [Self; 6] = [
+        Self::Environment,
+        Self::Learner,
+        Self::Policy,
+        Self::AbortRule,
+        Self::ResetTask,
+        Self::SuccessCritic,
+    ];
 
     /// The name in a manifest, for example `abort-rule`.
     pub fn name(self) -> &'static str {
@@ -64,6 +72,7 @@ impl Kind {
             Self::Policy => "policy",
             Self::AbortRule => "abort-rule",
             Self::ResetTask => "reset-task",
+            Self::SuccessCritic => "success-critic",
         }
     }
 
@@ -80,6 +89,7 @@ impl Kind {
             Self::Policy => kind::POLICY,
             Self::AbortRule => kind::ABORT_RULE,
             Self::ResetTask => kind::RESET_TASK,
+            Self::SuccessCritic => kind::SUCCESS_CRITIC,
         }
     }
 }

@@ -56,6 +56,7 @@ fn calls_allocate_nothing_after_the_first() {
         forward_values: &[],
         discount: 0.9,
         phase: Phase::Forward,
+        ..RuleContext::default()
     };
     let mut room = [0; 64];
     check_none("evaluate", || assert!(rule.evaluate(&context, &mut Reason::new(&mut room)).is_ok()));

@@ -26,6 +26,7 @@ fn context(proposed: &[f32]) -> RuleContext<'_> {
         forward_values: &[],
         discount: 0.9,
         phase: Phase::Forward,
+        ..RuleContext::default()
     }
 }
 

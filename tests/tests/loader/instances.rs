@@ -118,6 +118,7 @@ fn a_policy_a_rule_and_a_reset_task_answer() {
         forward_values: &[],
         discount: 0.9,
         phase: Phase::Forward,
+        ..RuleContext::default()
     };
     let mut room = [0; 64];
     let judged = rule.evaluate(&context, &mut Reason::new(&mut room)).unwrap();
@@ -310,6 +311,7 @@ fn every_plugin_reads_the_defaults_of_its_manifest() {
                     Kind::Policy => registry.policy(&selection, &config, &setup).map(drop),
                     Kind::AbortRule => registry.abort_rule(&selection, &config, &setup).map(drop),
                     Kind::ResetTask => registry.reset_task(&selection, &config, &setup).map(drop),
+                    Kind::SuccessCritic => registry.success_critic(&selection, &config, &setup).map(drop),
                 }
             })
             .collect();

@@ -42,6 +42,9 @@ const CONTEXT: RuleContext<'static> = RuleContext {
     forward_values: &[],
     discount: 0.9,
     phase: Phase::Forward,
+    probabilities: &[],
+    greedy_probabilities: &[],
+    start_probabilities: &[],
 };
 
 fn check_failed<T: std::fmt::Debug>(outcome: Result<T>, expected: &str) {

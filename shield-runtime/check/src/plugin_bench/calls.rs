@@ -2,7 +2,7 @@
 
 use shield_api::{
     AbortRule, ActMode, Checkpoint, Environment, Learner, ObservedDecision, Phase, Reason, ResetTask,
-    Result as ApiResult, Rows, RuleContext,
+    Result as ApiResult, Rows, RuleContext, SuccessCritic,
 };
 
 use super::{
@@ -190,6 +190,31 @@ impl Bench<'_, '_> {
         })?;
         meter.measure("update", &mut taught, at_once, |Taught { asked, batch }| {
             asked.plugin.update(&batch.view()).map(|()| Next::Again)
+        })?;
+        save_and_load(meter, &mut *taught.asked.plugin)
+    }
+
+    pub(super) fn success_critic(&mut self) -> Done {
+        struct Taught {
+            asked: Asked<dyn SuccessCritic>,
+            batch: DrawnBatch,
+        }
+        let (candidate, spaces) = (self.candidate, self.draw.spaces.clone());
+        let critic = create(&mut self.meter, &|| candidate.success_critic(&spaces, candidate.seed, 1))?;
+        let members = critic.info().members;
+        let batch = self.draw.batch(self.settings.batch, members);
+        let mut taught = Taught { asked: self.asked(critic, members), batch };
+        let meter = &mut self.meter;
+        meter.measure("probabilities", &mut taught, at_once, |Taught { asked, .. }| {
+            let Asked { plugin, observation, action, values, .. } = asked;
+            plugin.probabilities(observation, action, values).map(|()| Next::Again)
+        })?;
+        meter.measure("gradients", &mut taught, at_once, |Taught { asked, .. }| {
+            let Asked { plugin, observation, action, values, gradients, .. } = asked;
+            plugin.gradients(observation, action, values, gradients).map(|()| Next::Again)
+        })?;
+        meter.measure("update", &mut taught, at_once, |Taught { asked, batch }| {
+            asked.plugin.update(&batch.attempts()).map(|()| Next::Again)
         })?;
         save_and_load(meter, &mut *taught.asked.plugin)
     }

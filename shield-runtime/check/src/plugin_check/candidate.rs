@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use shield_api::{
-    AbortRule, Environment, ErrorKind, Learner, Policy, ResetTask, Setup, Space, Spaces,
+    AbortRule, Environment, ErrorKind, Learner, Policy, ResetTask, Setup, Space, Spaces, SuccessCritic,
     manifest::{Manifest, ManifestField},
 };
 
@@ -69,6 +69,17 @@ impl Candidate<'_> {
         made.map(|made| Box::new(made) as _).map_err(|error| error.to_string())
     }
 
+    pub(crate) fn success_critic(
+        &self,
+        spaces: &Spaces,
+        seed: u64,
+        threads: usize,
+    ) -> Made<dyn SuccessCritic> {
+        let setup = setup(spaces, seed, threads);
+        let made = self.registry.success_critic(&self.selection, &self.config, &setup);
+        made.map(|made| Box::new(made) as _).map_err(|error| error.to_string())
+    }
+
     /// The first spaces that the plugin accepts.
     pub(crate) fn spaces(&self) -> Result<Spaces, String> {
         // The first are the usual ones, so that their refusal says most.
@@ -97,6 +108,7 @@ impl Candidate<'_> {
             Kind::Policy => registry.policy(selection, config, &setup).map(drop),
             Kind::AbortRule => registry.abort_rule(selection, config, &setup).map(drop),
             Kind::ResetTask => registry.reset_task(selection, config, &setup).map(drop),
+            Kind::SuccessCritic => registry.success_critic(selection, config, &setup).map(drop),
         }
     }
 

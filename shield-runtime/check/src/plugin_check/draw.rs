@@ -21,6 +21,8 @@ pub struct DrawnBatch {
     pub next_observations: Guarded,
     pub continuations: Guarded,
     pub masks: Guarded,
+    /// Of attempts, for a success critic; their weights are the rewards.
+    pub outcomes: Guarded,
 }
 
 impl Draw {
@@ -60,6 +62,7 @@ impl Draw {
             size,
             continuations: Guarded::input("continuations", &ones(size)),
             masks: Guarded::input("masks", &ones(size * members)),
+            outcomes: Guarded::input("outcomes", &ones(size)),
             observations: Guarded::input("observations", &observations),
             actions: Guarded::input("actions", &actions),
             rewards: Guarded::input("rewards", &rewards),
@@ -81,6 +84,22 @@ impl DrawnBatch {
         }
     }
 
+    /// The same as a success critic is given it: what was rewarded is how much the outcome counts.
+    pub fn attempts(&self) -> shield_api::AttemptBatch<'_> {
+        shield_api::AttemptBatch {
+            size: self.size,
+            observations: self.observations.slice(),
+            actions: self.actions.slice(),
+            next_observations: self.next_observations.slice(),
+            next_actions: self.actions.slice(),
+            successes: self.outcomes.slice(),
+            continuations: self.continuations.slice(),
+            outcomes: self.outcomes.slice(),
+            outcome_weights: self.rewards.slice(),
+            masks: self.masks.slice(),
+        }
+    }
+
     /// Its parts, to put something wrong into one of them.
     pub fn parts_mut(&mut self) -> [&mut Guarded; 5] {
         [
@@ -95,6 +114,6 @@ impl DrawnBatch {
     pub fn checked(&self) -> Result<(), String> {
         let parts =
             [&self.observations, &self.actions, &self.rewards, &self.next_observations, &self.continuations];
-        parts.into_iter().chain([&self.masks]).try_for_each(|part| part.checked().map(|_| ()))
+        parts.into_iter().chain([&self.masks, &self.outcomes]).try_for_each(|part| part.checked().map(|_| ()))
     }
 }

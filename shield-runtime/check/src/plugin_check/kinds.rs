@@ -10,7 +10,7 @@ use crate::environment_check::{Guarded, bits};
 
 /// Members of the ensembles whose values a rule is shown.
 const MEMBERS: usize = 5;
-const BATCH: usize = 16;
+pub(super) const BATCH: usize = 16;
 const REASON_BYTES: usize = 256;
 
 /// What a round gave, as bits, or what was wrong with it.
@@ -18,7 +18,7 @@ pub type Round = Result<Vec<u32>, String>;
 /// Whether a call with something impossible in it was refused, and what it was.
 pub type Refusals = Vec<(String, bool)>;
 
-fn call<T>(what: &str, result: ApiResult<T>) -> Result<T, String> {
+pub(super) fn call<T>(what: &str, result: ApiResult<T>) -> Result<T, String> {
     result.map_err(|error| format!("`{what}` fails: {error}"))
 }
 
@@ -58,12 +58,12 @@ pub fn learner_round(learner: &mut (dyn Learner + 'static), draw: &mut Draw) -> 
 }
 
 /// The two ways to the values may round differently, but must not be two opinions.
-fn same_values(one: &[f32], other: &[f32]) -> Result<(), String> {
+pub(super) fn same_values(one: &[f32], other: &[f32]) -> Result<(), String> {
     let near = |(one, other): (&f32, &f32)| (one - other).abs() <= 1e-2 * (1.0 + one.abs());
     if one.iter().zip(other).all(near) {
         Ok(())
     } else {
-        Err(format!("`q_values` gives {one:?} and `q_gradients` {other:?} for the same action"))
+        Err(format!("{one:?} without gradients and {other:?} with them, for the same action"))
     }
 }
 
@@ -259,7 +259,7 @@ pub fn reset_task_refusals(task: &mut (dyn ResetTask + 'static), draw: &mut Draw
     ]
 }
 
-fn with_last(values: &[f32], bad: f32) -> Vec<f32> {
+pub(super) fn with_last(values: &[f32], bad: f32) -> Vec<f32> {
     let mut spoilt = values.to_vec();
     if let Some(last) = spoilt.last_mut() {
         *last = bad;

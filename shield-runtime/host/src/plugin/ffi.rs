@@ -13,6 +13,7 @@ mod host;
 mod learner;
 mod policy;
 mod reset_task;
+mod success_critic;
 
 pub(super) use handle::{spaces, while_creating};
 
@@ -22,3 +23,4 @@ pub use host::{host, host_without_metrics};
 pub use learner::LoadedLearner;
 pub use policy::LoadedPolicy;
 pub use reset_task::LoadedResetTask;
+pub use success_critic::LoadedSuccessCritic;

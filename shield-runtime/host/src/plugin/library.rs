@@ -43,6 +43,8 @@ pub(super) enum Table {
     Policy(&'static PolicyTable),
     AbortRule(&'static AbortRuleTable),
     ResetTask(&'static ResetTaskTable),
+    /// Its values are probabilities.
+    SuccessCritic(&'static LearnerTable),
 }
 
 /// The table of one kind.
@@ -135,13 +137,30 @@ impl Library {
 
     /// The functions of the plugin with the given id.
     pub(super) fn table<T: KindTable>(&self, id: &str) -> Result<&'static T, PluginError> {
+        self.pick(id, T::KIND, T::pick)
+    }
+
+    /// The functions of the success critic with the given id.
+    pub(super) fn success_critic_table(&self, id: &str) -> Result<&'static LearnerTable, PluginError> {
+        self.pick(id, Kind::SuccessCritic, |table| match table {
+            Table::SuccessCritic(table) => Some(table),
+            _ => None,
+        })
+    }
+
+    fn pick<T>(
+        &self,
+        id: &str,
+        wanted: Kind,
+        pick: impl Fn(Table) -> Option<&'static T>,
+    ) -> Result<&'static T, PluginError> {
         let named = || self.plugins.iter().filter(|plugin| plugin.manifest.id == id);
-        if let Some(table) = named().find_map(|plugin| T::pick(plugin.table)) {
+        if let Some(table) = named().find_map(|plugin| pick(plugin.table)) {
             return Ok(table);
         }
         let (path, id) = (self.path().to_owned(), id.to_string());
         Err(match named().next() {
-            Some(other) => PluginError::WrongKind { path, id, found: other.kind, wanted: T::KIND },
+            Some(other) => PluginError::WrongKind { path, id, found: other.kind, wanted },
             None => {
                 let present = self.manifests().map(|manifest| manifest.id.clone()).collect();
                 PluginError::NotInFile { path, id, present }

@@ -12,7 +12,7 @@ use shield_api::{Setup, manifest::Manifest, regular_file};
 
 use super::{
     Entry, Identity, Kind, LoadedAbortRule, LoadedEnvironment, LoadedLearner, LoadedPolicy, LoadedResetTask,
-    PluginError, SearchPath, Selection, Skipped,
+    LoadedSuccessCritic, PluginError, SearchPath, Selection, Skipped,
     file::{Fingerprints, LibraryFile, unreadable},
     isolated::{IsolatedEnvironment, IsolatedPolicy, Isolation},
     library::{KindTable, Library},
@@ -233,6 +233,20 @@ impl Registry {
         setup: &Setup,
     ) -> Result<LoadedResetTask, PluginError> {
         LoadedResetTask::create(&choice.id, self.table(choice)?, config, setup)
+    }
+
+    /// A success critic.
+    ///
+    /// # Errors
+    /// As for [`environment`](Self::environment).
+    pub fn success_critic(
+        &self,
+        choice: &Selection,
+        config: &str,
+        setup: &Setup,
+    ) -> Result<LoadedSuccessCritic, PluginError> {
+        let table = self.library(choice, Kind::SuccessCritic)?.success_critic_table(&choice.id)?;
+        LoadedSuccessCritic::create(&choice.id, table, config, setup)
     }
 
     /// An environment in a process of its own.

@@ -8,16 +8,16 @@ use std::{
 };
 
 use shield_api::{
-    AbortRule, Error, Needs, ObservedDecision, Phase, Reason, Result, Rows, RuleContext, RuleVerdict, Setup,
-    Spaces, Verdict,
+    AbortRule, Error, Needs, ObservedAttempt, ObservedDecision, Phase, Reason, Result, Rows, RuleContext,
+    RuleVerdict, Setup, Spaces, Verdict,
     abi::{
-        AbortRuleTable, Floats, ObservedDecisionView, RowSink, RuleContextView, VerdictView, need, phase,
-        status, verdict,
+        AbortRuleTable, EXTENSION_UNDO_RULE, Floats, ObservedAttemptView, ObservedDecisionView, RowSink,
+        RuleContextView, UndoRuleTable, UndoView, VerdictView, need, phase, status, verdict,
     },
     check_finite,
 };
 
-use super::handle::{Handle, checkpoint, described_wrongly, spaces, while_creating};
+use super::handle::{Handle, checkpoint, described_wrongly, extension, spaces, while_creating};
 use crate::plugin::PluginError;
 
 /// Room for a rule's sentence; more is cut.
@@ -28,6 +28,8 @@ const REASON_BYTES: usize = 256;
 pub struct LoadedAbortRule {
     handle: Handle,
     table: &'static AbortRuleTable,
+    /// Of a rule of 1.1 or later.
+    undo: Option<&'static UndoRuleTable>,
     needs: Needs,
     spaces: Spaces,
 }
@@ -48,7 +50,12 @@ impl LoadedAbortRule {
             // SAFETY: the instance is of this table; the place lives for the call.
             .call(|instance| unsafe { (table.needs)(instance, &mut bits) })
             .map_err(|error| while_creating(id, &error))?;
-        if bits & !(need::VALUES | need::GREEDY_VALUES | need::FORWARD_VALUES) != 0 {
+        let known = need::VALUES
+            | need::GREEDY_VALUES
+            | need::FORWARD_VALUES
+            | need::PROBABILITIES
+            | need::GREEDY_PROBABILITIES;
+        if bits & !known != 0 {
             return Err(described_wrongly(
                 id,
                 format!("`needs` asks for what this host does not know: {bits:#x}"),
@@ -58,9 +65,23 @@ impl LoadedAbortRule {
             values: bits & need::VALUES != 0,
             greedy_values: bits & need::GREEDY_VALUES != 0,
             forward_values: bits & need::FORWARD_VALUES != 0,
-            ..Needs::default()
+            probabilities: bits & need::PROBABILITIES != 0,
+            greedy_probabilities: bits & need::GREEDY_PROBABILITIES != 0,
         };
-        Ok(Self { handle, table, needs, spaces })
+        // SAFETY: under this name a rule gives this table.
+        let undo = unsafe { extension(id, &table.life, EXTENSION_UNDO_RULE)? };
+        if needs.undo_probabilities() && undo.is_none() {
+            let message = format!(
+                "`needs` asks for undo probabilities, but there is no extension {EXTENSION_UNDO_RULE:?}, which takes them"
+            );
+            return Err(described_wrongly(id, message));
+        }
+        Ok(Self { handle, table, undo, needs, spaces })
+    }
+
+    /// The functions to be called instead of those of 1.0, where the rule needs undo probabilities.
+    fn undo_table(&self) -> Option<&'static UndoRuleTable> {
+        self.undo.filter(|_| self.needs.undo_probabilities())
     }
 
     fn check_context(&self, context: &RuleContext<'_>) -> Result<()> {
@@ -71,6 +92,15 @@ impl LoadedAbortRule {
             Some(previous) => self.handle.require_length("previous action", previous, action_len),
             None => Ok(()),
         }
+    }
+}
+
+fn undo_view(context: &RuleContext<'_>) -> UndoView {
+    UndoView {
+        struct_size: size_of::<UndoView>(),
+        probabilities: Floats::new(context.probabilities),
+        greedy_probabilities: Floats::new(context.greedy_probabilities),
+        start_probabilities: Floats::new(context.start_probabilities),
     }
 }
 
@@ -99,7 +129,7 @@ impl AbortRule for LoadedAbortRule {
 
     fn evaluate(&self, context: &RuleContext<'_>, reason: &mut Reason<'_>) -> Result<RuleVerdict> {
         self.check_context(context)?;
-        let context = view(context);
+        let (context, undo) = (view(context), undo_view(context));
         let mut room = [0; REASON_BYTES];
         let mut judged = VerdictView {
             verdict: 0,
@@ -108,8 +138,13 @@ impl AbortRule for LoadedAbortRule {
             reason_capacity: room.len(),
             reason_length: 0,
         };
-        // SAFETY: the instance is of this table; context and verdict live for the call.
-        self.handle.call(|instance| unsafe { (self.table.evaluate)(instance, &context, &mut judged) })?;
+        // SAFETY: the instance is of these tables; context, probabilities and verdict live for the call.
+        self.handle.call(|instance| unsafe {
+            match self.undo_table() {
+                Some(table) => (table.evaluate)(instance, &context, &undo, &mut judged),
+                None => (self.table.evaluate)(instance, &context, &mut judged),
+            }
+        })?;
         if judged.score.is_nan() {
             return Err(self.handle.broken("`evaluate` gave NaN for the score"));
         }
@@ -133,15 +168,19 @@ impl AbortRule for LoadedAbortRule {
     fn linearise(&self, context: &RuleContext<'_>, gradients: &[f32], rows: &mut dyn Rows) -> Result<()> {
         self.check_context(context)?;
         if !gradients.is_empty() {
-            let expected = context.values.len() * context.proposed.len();
+            let estimates = if self.needs.probabilities { context.probabilities } else { context.values };
+            let expected = estimates.len() * context.proposed.len();
             self.handle.require_length("gradients", gradients, expected)?;
         }
         let mut collector = Collector { rows, action_len: self.spaces.action_len(), error: None };
         let sink = RowSink { context: ptr::from_mut(&mut collector).cast(), push: push_row };
-        let context = view(context);
-        // SAFETY: the instance is of this table; context, gradients and sink live for the call.
+        let (context, undo, gradients) = (view(context), undo_view(context), Floats::new(gradients));
+        // SAFETY: the instance is of these tables; context, probabilities, gradients and sink live for the call.
         let called = self.handle.call(|instance| unsafe {
-            (self.table.linearise)(instance, &context, Floats::new(gradients), &sink)
+            match self.undo_table() {
+                Some(table) => (table.linearise)(instance, &context, &undo, gradients, &sink),
+                None => (self.table.linearise)(instance, &context, gradients, &sink),
+            }
         });
         match collector.error {
             // The rule may have gone on after a refused row; its rows are incomplete then.
@@ -160,6 +199,17 @@ impl AbortRule for LoadedAbortRule {
         };
         // SAFETY: the instance is of this table; the decision lives for the call.
         self.handle.call(|instance| unsafe { (self.table.observe)(instance, &view) })
+    }
+
+    fn observe_attempt(&mut self, attempt: &ObservedAttempt) -> Result<()> {
+        let Some(table) = self.undo else { return Ok(()) };
+        let view = ObservedAttemptView {
+            struct_size: size_of::<ObservedAttemptView>(),
+            step: attempt.step,
+            succeeded: u32::from(attempt.succeeded),
+        };
+        // SAFETY: the instance is of this plugin; the attempt lives for the call.
+        self.handle.call(|instance| unsafe { (table.observe_attempt)(instance, &view) })
     }
 }
 

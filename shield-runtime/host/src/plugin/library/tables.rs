@@ -6,7 +6,8 @@ use std::path::Path;
 use shield_api::{
     abi::{
         ABI_MAJOR, AbortRuleTable, CostsTable, EnvironmentTable, LearnerTable, PluginDescriptor,
-        PluginLibrary, PolicyTable, RenderTable, ResetTaskTable, StartsTable, WeightsTable,
+        PluginLibrary, PolicyTable, RenderTable, ResetTaskTable, StartsTable, SuccessCriticTable,
+        UndoRuleTable, WeightsTable,
     },
     manifest::{Manifest, decode},
 };
@@ -52,6 +53,8 @@ function_tables! {
     CostsTable, "costs": ["kind", "present"];
     RenderTable, "render": ["size", "render"];
     WeightsTable, "weights": ["weights", "policy"];
+    SuccessCriticTable, "success-critic": ["update"];
+    UndoRuleTable, "undo-rule": ["evaluate", "linearise", "observe_attempt"];
 }
 
 /// Checks pointer and size of a struct that begins with its own size.
@@ -161,18 +164,21 @@ fn check_descriptor(
 
 /// The one table of a descriptor.
 fn check_table(descriptor: &'static PluginDescriptor, kind: Kind) -> Result<Table, String> {
-    let set = [
-        !descriptor.environment.is_null(),
-        !descriptor.learner.is_null(),
-        !descriptor.policy.is_null(),
-        !descriptor.abort_rule.is_null(),
-        !descriptor.reset_task.is_null(),
-    ];
-    let expected = Kind::ALL.map(|other| other == kind);
-    if set != expected {
-        let names: Vec<&str> =
-            Kind::ALL.iter().zip(set).filter(|(_, is_set)| *is_set).map(|(kind, _)| kind.name()).collect();
-        return Err(format!("the {kind} table alone must be set, but these are: [{}]", names.join(", ")));
+    let set: Vec<Kind> = [
+        (Kind::Environment, descriptor.environment.is_null()),
+        (Kind::Learner, descriptor.learner.is_null()),
+        (Kind::Policy, descriptor.policy.is_null()),
+        (Kind::AbortRule, descriptor.abort_rule.is_null()),
+        (Kind::ResetTask, descriptor.reset_task.is_null()),
+    ]
+    .into_iter()
+    .filter_map(|(kind, is_null)| (!is_null).then_some(kind))
+    .collect();
+    // Later kinds have no place of their own in the descriptor, which is frozen.
+    let expected = if kind == Kind::SuccessCritic { Kind::Learner } else { kind };
+    if set != [expected] {
+        let names: Vec<&str> = set.iter().map(|kind| kind.name()).collect();
+        return Err(format!("the {expected} table alone must be set, but these are: [{}]", names.join(", ")));
     }
     // SAFETY: tables are constants of a library that is never unloaded, and begin with their size.
     unsafe {
@@ -182,6 +188,7 @@ fn check_table(descriptor: &'static PluginDescriptor, kind: Kind) -> Result<Tabl
             Kind::Policy => Table::Policy(function_table(descriptor.policy)?),
             Kind::AbortRule => Table::AbortRule(function_table(descriptor.abort_rule)?),
             Kind::ResetTask => Table::ResetTask(function_table(descriptor.reset_task)?),
+            Kind::SuccessCritic => Table::SuccessCritic(function_table(descriptor.learner)?),
         })
     }
 }
