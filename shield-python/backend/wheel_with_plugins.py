@@ -31,6 +31,7 @@ PLUGINS = [
     "linear-constraints",
     "deadline-latch",
     "near-start",
+    "calibrated-start",
 ]
 
 

@@ -415,6 +415,7 @@ fn the_list_of_plugins_names_them() {
         "mujoco/cliff-cart",
         "mujoco/cliff-cheetah",
         "near-start",
+        "calibrated-start",
         "ensemble-threshold",
     ] {
         assert!(printed.contains(part), "{part} is missing in: {printed}");

@@ -71,6 +71,7 @@ fn every_field_of_an_experiment_changes_a_run_in_the_gridworld() {
         "evaluation.agent=Reset",
         "hard_reset_cost=2.5",
         "reset_task=Some(plugin: \"near-start\", config: (radius: 0.1))",
+        "reset_task=Some(plugin: \"calibrated-start\")",
     ];
     // A reset test by the final state differs from one by any visited state only where the episode goes on.
     let experiment =

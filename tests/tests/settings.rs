@@ -80,6 +80,11 @@ fn a_rule_or_task_points_at_the_value_that_it_refuses() {
     ] {
         check(&Kind::Task, "near-start", config, boxed());
     }
+    for config in
+        ["(coverage: @1.0)", "(starts: @0)", "(starts: @257)", "(experience: @0)", "(least_radius: @-0.1)"]
+    {
+        check(&Kind::Task, "calibrated-start", config, boxed());
+    }
 }
 
 #[test]

@@ -285,6 +285,26 @@ fn the_plugins_of_this_repository_are_found_and_work() {
     }
 }
 
+#[test]
+fn the_calibrated_task_reports_how_much_lies_in_its_reset_set() {
+    let executable = std::env::current_exe().unwrap();
+    let registry = Registry::scan(&SearchPath::new([executable.parent().unwrap()]));
+    let mut task = registry.reset_task(&Selection::new("calibrated-start"), "", &setup()).unwrap();
+    let metrics = Metrics::default();
+    metrics.collect(|| {
+        // The first dimension varies among the starts, the second in the experience.
+        (0..20u8).for_each(|index| task.observe_start(&[f32::from(index), 0.0]).unwrap());
+        for index in 0..64u8 {
+            task.evaluate(&[0.0, 0.0], &[0.0], &[10.0, f32::from(index)]).unwrap();
+        }
+    });
+    let mut figures = Vec::new();
+    metrics.drain(&mut |name, mean| figures.push((name.to_string(), mean)));
+    let names: Vec<&str> = figures.iter().map(|(name, _)| name.as_str()).collect();
+    assert_eq!(names, ["radius", "dimensions", "starts_inside", "experience_inside"]);
+    assert!(figures.iter().all(|(_, mean)| (0.0..=2.0).contains(mean)), "{figures:?}");
+}
+
 /// The manifest's defaults are text; `config.ron` is written from them.
 #[test]
 fn every_plugin_reads_the_defaults_of_its_manifest() {

@@ -219,6 +219,22 @@ fn every_mode_continues_exactly() {
     }
 }
 
+#[test]
+fn a_task_that_calibrates_itself_continues_exactly() {
+    let experiment = cart(
+        500,
+        r#"checkpoint: (every: 150), reset_task: (plugin: "calibrated-start", config: (experience: 300)),"#,
+    );
+    let expected = Run::uninterrupted(&experiment);
+    assert!(String::from_utf8_lossy(&expected["metrics.csv"]).contains("experience_inside"));
+    for sabotage in [Sabotage::Stop(70), Sabotage::Crash(250), Sabotage::Stop(299), Sabotage::Crash(470)] {
+        let run = Run::new(&experiment, &[]);
+        run.go(sabotage);
+        run.go(Sabotage::None);
+        same(&expected, &run, &format!("{sabotage:?}"));
+    }
+}
+
 fn damage(path: &Path) {
     let mut bytes = fs::read(path).unwrap();
     let middle = bytes.len() / 2;
