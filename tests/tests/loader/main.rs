@@ -15,3 +15,4 @@ mod misbehaving;
 mod pinned;
 mod scanning;
 mod trust;
+mod undo;
