@@ -226,7 +226,7 @@ fn a_task_that_calibrates_itself_continues_exactly() {
         r#"checkpoint: (every: 150), reset_task: (plugin: "calibrated-start", config: (experience: 300)),"#,
     );
     let expected = Run::uninterrupted(&experiment);
-    assert!(String::from_utf8_lossy(&expected["metrics.csv"]).contains("experience_inside"));
+    assert!(String::from_utf8_lossy(&expected["learning.csv"]).contains("experience_inside"));
     for sabotage in [Sabotage::Stop(70), Sabotage::Crash(250), Sabotage::Stop(299), Sabotage::Crash(470)] {
         let run = Run::new(&experiment, &[]);
         run.go(sabotage);
