@@ -49,16 +49,21 @@ fn while_exchanged(right: &Path, wrong: &Path, rounds: usize, mut load: impl FnM
         fs::copy(right, at("right")).unwrap();
         fs::copy(wrong, at("wrong")).unwrap();
         fs::hard_link(at("right"), at("lib.so")).unwrap();
-        let is_over = AtomicBool::new(false);
+        let (is_over, has_begun) = (AtomicBool::new(false), AtomicBool::new(false));
         thread::scope(|scope| {
-            scope.spawn(|| {
+            let exchanging = scope.spawn(|| {
                 while !is_over.load(Relaxed) {
                     for file in ["wrong", "right"] {
                         fs::hard_link(at(file), at("next")).unwrap();
                         fs::rename(at("next"), at("lib.so")).unwrap();
                     }
+                    has_begun.store(true, Relaxed);
                 }
             });
+            // On a busy machine the library would be loaded before the first exchange.
+            while !has_begun.load(Relaxed) && !exchanging.is_finished() {
+                thread::yield_now();
+            }
             let _over = Over(&is_over);
             load(&at("lib.so"));
         });
