@@ -150,10 +150,18 @@ def test_a_step_before_any_reset_is_refused():
 def test_the_warm_up_aborts_an_invalid_action(value):
     env = shielded(overrides={**BELOW_HALF, "shield.warm_up_steps": 100})
     env.reset()
-    assert env.step(act(0.75))[4]["shield"]["verdict"] == "warm_up"
+    assert env.step(act(0.25))[4]["shield"]["verdict"] == "warm_up"
     said = env.step(act(value))[4]["shield"]
     assert (said["verdict"], said["cause"], said["rule"]) == ("abort", "invalid_action", "")
-    assert env.unwrapped.executed == [0.75]
+    assert env.unwrapped.executed == [0.25]
+
+
+def test_a_limit_holds_from_the_first_step():
+    env = shielded(overrides={**BELOW_HALF, "shield.warm_up_steps": 100})
+    env.reset()
+    said = env.step(act(0.75))[4]["shield"]
+    assert (said["verdict"], said["cause"]) == ("abort", "rejected")
+    assert env.unwrapped.executed == []
 
 
 @pytest.mark.parametrize(
