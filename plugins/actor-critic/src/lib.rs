@@ -34,7 +34,7 @@ pub use checks::{
 };
 pub use critic_step::CriticStep;
 pub use ensemble::{Ensemble, EnsembleState};
-pub use loss::Loss;
+pub use loss::{Loss, cross_entropy, sigmoid};
 pub use member::{Group, Member};
 pub use noise::{Noise, NoiseProcess, Schedule};
 pub use normaliser::Normaliser;

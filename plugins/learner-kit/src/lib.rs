@@ -1,6 +1,7 @@
 #![doc = include_str!("../README.md")]
 #![forbid(unsafe_code)]
 
+mod attempts;
 mod ddpg;
 mod learner;
 mod report;
@@ -10,6 +11,7 @@ mod td3;
 use actor_critic::{Body, ErrorKind, check_unit};
 use shield_api::{Batch, Error, Result, check_finite};
 
+pub use attempts::{UndoTarget, check_attempts};
 pub use ddpg::DdpgConfig;
 pub use learner::{ActorCritic, AgentConfig, Backend, Update};
 pub use report::CriticReport;
