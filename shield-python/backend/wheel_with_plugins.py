@@ -32,6 +32,8 @@ PLUGINS = [
     "deadline-latch",
     "near-start",
     "calibrated-start",
+    "success-critic",
+    "tabular-success",
 ]
 
 

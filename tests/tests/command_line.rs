@@ -416,6 +416,8 @@ fn the_list_of_plugins_names_them() {
         "mujoco/cliff-cheetah",
         "near-start",
         "calibrated-start",
+        "success-critic",
+        "tabular-success",
         "ensemble-threshold",
     ] {
         assert!(printed.contains(part), "{part} is missing in: {printed}");

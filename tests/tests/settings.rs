@@ -8,18 +8,19 @@ use shield_tests::plugins_folder;
 enum Kind {
     Environment,
     Learner,
+    SuccessCritic,
     Policy,
     Rule,
     Task,
 }
 
-fn make(kind: &Kind, id: &str, config: &str, action: Space) -> Result<(), PluginError> {
+fn make(kind: &Kind, id: &str, config: &str, spaces: Spaces) -> Result<(), PluginError> {
     let registry = Registry::scan(&SearchPath::new([plugins_folder()]));
-    let spaces = Spaces { observation: Space::unbounded(2), action };
     let (choice, setup) = (Selection::new(id), Setup::with_spaces(0, 1, host(), spaces));
     match kind {
         Kind::Environment => registry.environment(&choice, config, &Setup::new(0, 1, host())).map(drop),
         Kind::Learner => registry.learner(&choice, config, &setup).map(drop),
+        Kind::SuccessCritic => registry.success_critic(&choice, config, &setup).map(drop),
         Kind::Policy => registry.policy(&choice, config, &setup).map(drop),
         Kind::Rule => registry.abort_rule(&choice, config, &setup).map(drop),
         Kind::Task => registry.reset_task(&choice, config, &setup).map(drop),
@@ -28,9 +29,13 @@ fn make(kind: &Kind, id: &str, config: &str, action: Space) -> Result<(), Plugin
 
 /// `config` holds a `@` where the value is that is refused.
 fn check(kind: &Kind, id: &str, config: &str, action: Space) {
+    check_in(kind, id, config, Spaces { observation: Space::unbounded(2), action });
+}
+
+fn check_in(kind: &Kind, id: &str, config: &str, spaces: Spaces) {
     let place = config.find('@').expect("a mark");
     let text = config.replacen('@', "", 1);
-    let error = make(kind, id, &text, action).expect_err(config);
+    let error = make(kind, id, &text, spaces).expect_err(config);
     let (message, position) = error.config_fault().unwrap_or_else(|| panic!("{id} {config}: {error}"));
     assert_eq!(position, Some(position_at(&text, place)), "{id} {config}: {message}");
 }
@@ -112,6 +117,32 @@ fn a_learner_or_policy_points_at_the_value_that_it_refuses() {
         check(&Kind::Learner, "tabular-q", config, Space::Discrete { n: 2 });
     }
     check(&Kind::Policy, "onnx", "( path: @\"nowhere.onnx\")", boxed());
+}
+
+#[test]
+fn a_success_critic_points_at_the_value_that_it_refuses() {
+    for config in [
+        "(members: @0)",
+        "(members: 2,\n hidden: @[])",
+        "(hidden: @[4, 0])",
+        "(learning_rate: @-1.0)",
+        "(discount: @2.0)",
+        "(outcome_weight: @NaN)",
+        "(tau: @0.0)",
+        "(initial_probability: @1.0)",
+    ] {
+        check(&Kind::SuccessCritic, "success-critic", config, boxed());
+    }
+    let spaces = || Spaces { observation: Space::Discrete { n: 4 }, action: Space::Discrete { n: 2 } };
+    for config in [
+        "(members: @0)",
+        "(discount: @2.0)",
+        "(outcome_weight: @-0.1)",
+        "(initial_probability: @NaN)",
+        "(least_step: @1.5)",
+    ] {
+        check_in(&Kind::SuccessCritic, "tabular-success", config, spaces());
+    }
 }
 
 #[test]

@@ -305,6 +305,40 @@ fn the_calibrated_task_reports_how_much_lies_in_its_reset_set() {
     assert!(figures.iter().all(|(_, mean)| (0.0..=2.0).contains(mean)), "{figures:?}");
 }
 
+#[test]
+fn the_success_critics_report_loss_probability_and_target() {
+    let executable = std::env::current_exe().unwrap();
+    let registry = Registry::scan(&SearchPath::new([executable.parent().unwrap()]));
+    let spaces = Spaces { observation: Space::Discrete { n: 2 }, action: Space::Discrete { n: 2 } };
+    for id in ["success-critic", "tabular-success"] {
+        let setup = Setup::with_spaces(0, 1, host(), spaces.clone());
+        let mut critic = registry.success_critic(&Selection::new(id), "(members: 2)", &setup).unwrap();
+        let batch = AttemptBatch {
+            size: 1,
+            observations: &[1.0, 0.0],
+            actions: &[0.0],
+            next_observations: &[0.0, 1.0],
+            next_actions: &[1.0],
+            successes: &[1.0],
+            continuations: &[0.0],
+            outcomes: &[1.0],
+            outcome_weights: &[1.0],
+            masks: &[1.0; 2],
+        };
+        let metrics = Metrics::default();
+        metrics.collect(|| critic.update(&batch)).unwrap();
+        let mut figures = Vec::new();
+        metrics.drain(&mut |name, mean| figures.push((name.to_string(), mean)));
+        let names: Vec<&str> = figures.iter().map(|(name, _)| name.as_str()).collect();
+        assert_eq!(names, ["success_loss", "probability", "target"], "{id}");
+        assert!(figures[0].1 > 0.0 && (figures[1].1 - 0.88).abs() < 0.01, "{id}: {figures:?}");
+        assert_eq!(figures[2].1, 1.0, "{id}");
+        let mut probabilities = [0.0; 2];
+        critic.probabilities(&[1.0, 0.0], &[0.0], &mut probabilities).unwrap();
+        assert!(probabilities.iter().all(|value| *value > 0.88), "{id}: {probabilities:?}");
+    }
+}
+
 /// The manifest's defaults are text; `config.ron` is written from them.
 #[test]
 fn every_plugin_reads_the_defaults_of_its_manifest() {
