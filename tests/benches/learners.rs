@@ -86,8 +86,8 @@ fn measure(criterion: &mut Criterion, case: &Case) {
     let mut action = proposed.to_vec();
     let (mut values, mut gradients) = (vec![0.0; members], vec![0.0; members * proposed.len()]);
 
-    let mut group =
-        criterion.benchmark_group(format!("{}, {members} members, threads {}", case.id, case.threads));
+    let mut group = criterion
+        .benchmark_group(format!("{} {}, {members} members, threads {}", case.id, case.config, case.threads));
     group.bench_function(format!("update, batch {}", case.size), |bencher| {
         bencher.iter(|| learner.update(black_box(&transitions.batch())).expect("an update"));
     });
