@@ -103,54 +103,82 @@ fn gradient(candidate: &Candidate<'_>) -> Finding {
         return Ok(Skipped("actions are discrete: there is no gradient".into()));
     };
     let mut critic = candidate.success_critic(&spaces, candidate.seed, 1)?;
-    let (members, width) = (critic.info().members, spaces.action_len());
+    let members = critic.info().members;
     let mut draw = Draw::new(&spaces, candidate.seed);
     // A critic that has learned nothing yet may be flat.
     for _ in 0..UPDATES {
         call("update", critic.update(&draw.batch(BATCH, members).attempts()))?;
     }
-    let [mut above, mut below] = [(); 2].map(|()| vec![0.0; members]);
-    let mut gradients = vec![0.0; members * width];
-    let (mut count, mut wrong) = (0, Vec::new());
+    let bounds: Vec<(f32, f32)> = low.iter().copied().zip(high.iter().copied()).collect();
+    let mut slopes = Vec::new();
     for _ in 0..POINTS {
-        let (observation, mut action) = (draw.observation(), draw.action());
-        let steps: Vec<f32> =
-            low.iter().zip(high).map(|(low, high)| DIFFERENCE * half_range(*low, *high)).collect();
-        for (value, (step, (low, high))) in action.iter_mut().zip(steps.iter().zip(low.iter().zip(high))) {
-            *value = value.max(low + step).min(high - step);
-        }
-        match critic.gradients(&observation, &action, &mut above, &mut gradients) {
-            Err(error) if error.kind() == ErrorKind::Unsupported => {
+        match slopes_at(&mut *critic, &draw.observation(), draw.action(), &bounds)? {
+            Some(found) => slopes.extend(found),
+            None => {
                 return Ok(Skipped(
                     "it has no gradient: what its rules reject is aborted, not altered".into(),
                 ));
             }
-            result => call("gradients", result)?,
-        }
-        for (dimension, step) in steps.iter().enumerate() {
-            for (sign, place) in [(1.0, &mut above), (-1.0, &mut below)] {
-                let mut moved = action.clone();
-                moved[dimension] += sign * step;
-                call("probabilities", critic.probabilities(&observation, &moved, place))?;
-            }
-            for member in 0..members {
-                let difference = above[member] - below[member];
-                let expected = 2.0 * step * gradients[member * width + dimension];
-                let allowed = 5e-6 + 0.1 * difference.abs().max(expected.abs());
-                count += 1;
-                if (difference - expected).abs() > allowed {
-                    wrong.push((gradients[member * width + dimension], difference / (2.0 * step)));
-                }
-            }
         }
     }
+    let wrong: Vec<&Slope> = slopes.iter().filter(|slope| !slope.is_right()).collect();
+    let (count, wrong_count) = (slopes.len(), wrong.len());
     match wrong.first() {
-        Some((given, seen)) if wrong.len() > count / 4 => Err(format!(
-            "`gradients` gives {given} where the probabilities change by {seen}, and differs at {} of {count} places",
-            wrong.len()
+        Some(Slope { given, difference, step }) if wrong_count > count / 4 => Err(format!(
+            "`gradients` gives {given} where the probabilities change by {}, and differs at {wrong_count} of {count} places",
+            difference / (2.0 * step)
         )),
-        _ => Ok(Passed(format!("{} of {count} slopes", count - wrong.len()))),
+        _ => Ok(Passed(format!("{} of {count} slopes", count - wrong_count))),
     }
+}
+
+/// ∂P/∂aᵢ of one member as it is given, and what P differs by between aᵢ − step and aᵢ + step.
+struct Slope {
+    given: f32,
+    difference: f32,
+    step: f32,
+}
+
+impl Slope {
+    /// Within a tenth, and what an f32 rounds.
+    fn is_right(&self) -> bool {
+        let expected = 2.0 * self.step * self.given;
+        (self.difference - expected).abs() <= 5e-6 + 0.1 * self.difference.abs().max(expected.abs())
+    }
+}
+
+/// Of every member in every dimension; `None` without a gradient.
+fn slopes_at(
+    critic: &mut dyn SuccessCritic,
+    observation: &[f32],
+    mut action: Vec<f32>,
+    bounds: &[(f32, f32)],
+) -> Result<Option<Vec<Slope>>, String> {
+    let (members, width) = (critic.info().members, action.len());
+    let steps: Vec<f32> = bounds.iter().map(|(low, high)| DIFFERENCE * half_range(*low, *high)).collect();
+    for ((value, step), (low, high)) in action.iter_mut().zip(&steps).zip(bounds) {
+        *value = value.max(low + step).min(high - step);
+    }
+    let [mut above, mut below] = [(); 2].map(|()| vec![0.0; members]);
+    let mut gradients = vec![0.0; members * width];
+    match critic.gradients(observation, &action, &mut above, &mut gradients) {
+        Err(error) if error.kind() == ErrorKind::Unsupported => return Ok(None),
+        result => call("gradients", result)?,
+    }
+    let mut slopes = Vec::new();
+    for (dimension, step) in steps.into_iter().enumerate() {
+        for (sign, place) in [(1.0, &mut above), (-1.0, &mut below)] {
+            let mut moved = action.clone();
+            moved[dimension] += sign * step;
+            call("probabilities", critic.probabilities(observation, &moved, place))?;
+        }
+        slopes.extend((0..members).map(|member| Slope {
+            given: gradients[member * width + dimension],
+            difference: above[member] - below[member],
+            step,
+        }));
+    }
+    Ok(Some(slopes))
 }
 
 /// Half the width of a dimension of actions; 1 where it has no bounds.
@@ -227,19 +255,21 @@ fn allocations(candidate: &Candidate<'_>) -> Finding {
     for point in 0..=POINTS {
         let (observation, action) = (draw.observation(), draw.action());
         let mut asked = Ok(());
-        let counted = count(&mut || asked = critic.probabilities(&observation, &action, &mut probabilities));
+        let mut counted =
+            count(&mut || asked = critic.probabilities(&observation, &action, &mut probabilities));
         call("probabilities", asked)?;
         let mut asked = Ok(());
         let of_gradients = count(&mut || {
             asked = critic.gradients(&observation, &action, &mut probabilities, &mut gradients)
         });
-        match asked {
-            // The message of an error may allocate.
-            Err(error) if error.kind() == ErrorKind::Unsupported => total += counted * u64::from(point > 0),
-            result => {
-                call("gradients", result)?;
-                total += (counted + of_gradients) * u64::from(point > 0);
-            }
+        // The message of an error may be allocated.
+        let has_gradient = !asked.as_ref().is_err_and(|error| error.kind() == ErrorKind::Unsupported);
+        if has_gradient {
+            call("gradients", asked)?;
+            counted += of_gradients;
+        }
+        if point > 0 {
+            total += counted;
         }
     }
     if total > 0 {
