@@ -615,8 +615,8 @@ const ShieldPluginLibrary *shield_plugin_entry_v1(void);
     "field=" name "\x1f" "type=" type "\x1f" "default=" default_value "\x1f" "doc=" doc "\x1f"
 
 // Places the manifest of one plugin into the section of the file that is read without loading it, as a constant named
-// `variable`. All arguments but the first are string literals: `kind` is "environment", "learner", "policy", "abort-rule" or
-// "reset-task"; `deterministic` is "true" or "false"; `fields` is a sequence of SHIELD_FIELD(...), or "".
+// `variable`. All arguments but the first are string literals: `kind` is "environment", "learner", "policy", "abort-rule",
+// "reset-task" or "success-critic"; `deterministic` is "true" or "false"; `fields` is a sequence of SHIELD_FIELD(...), or "".
 #define SHIELD_MANIFEST(variable, id, kind, version, authors, license, description, deterministic, fields) \
     __attribute__((section(".shield_manifest"), used)) static const char variable[] = \
         "SHIELD MANIFEST 1\x1f" "id=" id "\x1f" "kind=" kind "\x1f" "version=" version "\x1f" \

@@ -148,5 +148,7 @@ fn the_recorded_places_of_fields_are_those_of_the_compiler() {
         RuleContextView { phase }, VerdictView { reason_length }, ObservedDecisionView { aborted }, HostTable { get_extension },
         EnvironmentTable { step }, LearnerTable { update }, PolicyTable { act }, AbortRuleTable { observe },
         ResetTaskTable { observe_start }, WeightsTable { policy }, PluginDescriptor { reset_task }, PluginLibrary { plugins },
+        AttemptBatchView { masks }, SuccessCriticTable { update }, UndoView { start_probabilities }, ObservedAttemptView { succeeded },
+        UndoRuleTable { observe_attempt },
     }
 }

@@ -118,6 +118,33 @@ fn planted_defects_of_policies_and_rules_are_found() {
 }
 
 #[test]
+fn planted_defects_of_success_critics_and_of_rules_with_undo_probabilities_are_found() {
+    finds(6, "CRITIC_NONE", "", "");
+    finds(6, "CRITIC_CONSTANT", "", "");
+    for (defect, check, expected) in [
+        ("ABOVE_ONE", "answers", "gave 1.5 for a probability"),
+        ("ESTIMATES_NAN", "bad-numbers", "is not refused"),
+        ("LEARNS_NAN", "bad-numbers", "is not refused"),
+        ("TWO_OPINIONS", "answers", "without gradients"),
+        ("CRITIC_DIFFERS", "seed", "different answers"),
+        ("WRONG_SIGN", "gradient", "where the probabilities change by"),
+        ("LEARNS_BACKWARDS", "learning", "attempts that succeed it estimates"),
+        #[cfg(all(target_os = "linux", target_env = "gnu"))]
+        ("ESTIMATES_ALLOCATE", "allocations", "allocations in"),
+    ] {
+        finds(6, defect, check, expected);
+    }
+    finds(4, "UNDO_NONE", "", "");
+    for (defect, check, expected) in [
+        ("UNDO_ALLOWS_NAN", "bad-numbers", "undo probabilities is not refused"),
+        ("UNDO_CHANGES_ITS_MIND", "answers", "two verdicts for one context"),
+        ("UNDO_WRITES_ESTIMATES", "answers", "given to read"),
+    ] {
+        finds(4, defect, check, expected);
+    }
+}
+
+#[test]
 fn our_own_plugins_and_the_examples_in_c_and_cpp_pass_every_check() {
     let listed = shield().args(["plugin", "list"]).output().unwrap();
     let listed = String::from_utf8(listed.stdout).unwrap();

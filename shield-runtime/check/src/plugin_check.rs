@@ -124,6 +124,7 @@ pub fn checks(kind: Kind) -> Vec<Check> {
                 .map(|check| Check { name: check.name, rule: check.rule, run: run(check) })
                 .collect()
         }
+        Kind::SuccessCritic => [OF_KINDS, success_critic::CHECKS].concat(),
         _ => OF_KINDS.to_vec(),
     };
     [OF_ALL, &own].concat()

@@ -36,7 +36,7 @@ use std::fmt;
 
 use shield_api::abi::kind;
 
-/// The five kinds of plugin.
+/// The six kinds of plugin.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub enum Kind {
     /// A world in which the agents act.

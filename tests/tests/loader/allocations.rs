@@ -45,6 +45,25 @@ fn calls_allocate_nothing_after_the_first() {
     };
     check_none("update", || agent.update(&batch).unwrap());
 
+    let mut odds = registry.success_critic(&choice("fixture/odds"), "", &setup()).unwrap();
+    check_none("probabilities", || odds.probabilities(&observation, &action, &mut values).unwrap());
+    check_none("gradients", || {
+        odds.gradients(&observation, &action, &mut values, &mut gradients).unwrap();
+    });
+    let attempts = AttemptBatch {
+        size: 1,
+        observations: &[0.0; 2],
+        actions: &[0.0],
+        next_observations: &[0.0; 2],
+        next_actions: &[0.0],
+        successes: &[1.0],
+        continuations: &[0.0],
+        outcomes: &[1.0],
+        outcome_weights: &[1.0],
+        masks: &[1.0; 2],
+    };
+    check_none("an update with attempts", || odds.update(&attempts).unwrap());
+
     let rule = registry.abort_rule(&choice("fixture/gentle"), "(scale: 0.1)", &setup()).unwrap();
     let context = RuleContext {
         step: 0,
@@ -60,4 +79,22 @@ fn calls_allocate_nothing_after_the_first() {
     };
     let mut room = [0; 64];
     check_none("evaluate", || assert!(rule.evaluate(&context, &mut Reason::new(&mut room)).is_ok()));
+
+    let spaces = Spaces { observation: Space::unbounded(1), action: Space::uniform(1, -1.0, 1.0) };
+    let (choice, setup) =
+        (Selection::new("fixture/undo-rule").at(fixture("undo")), Setup::with_spaces(0, 1, host(), spaces));
+    let mut rule = registry.abort_rule(&choice, "", &setup).unwrap();
+    let context = RuleContext {
+        observation: &[0.0],
+        proposed: &[0.5],
+        probabilities: &[0.5],
+        greedy_probabilities: &[0.5],
+        start_probabilities: &[0.5],
+        ..RuleContext::default()
+    };
+    check_none("evaluate with probabilities", || {
+        assert!(rule.evaluate(&context, &mut Reason::new(&mut room)).is_ok());
+    });
+    let attempt = ObservedAttempt { step: 1, succeeded: true };
+    check_none("observe_attempt", || rule.observe_attempt(&attempt).unwrap());
 }

@@ -109,7 +109,7 @@ fn malformed_tables_are_refused_before_the_first_call() {
         ("descriptor_size", "DESCRIPTOR_SIZE=64", "its descriptor 0 says struct_size 64, expected 72"),
         ("library_size", "LIBRARY_SIZE=40", "its list of plugins says struct_size 40, expected 32"),
         ("null_list", "NULL_LIST", "its list of plugins is a null pointer"),
-        ("major", "ABI_MAJOR=2", "this host 1.1"),
+        ("major", "ABI_MAJOR=2", "speaks interface 2.1, this host 1.1"),
         ("count", "COUNT=1000", "it lists 1000 plugins, the manifest section of its file 1"),
         ("kind", "KIND=3", "it says the kind \"abort-rule\" and the number 3"),
         ("two_tables", "TWO_TABLES", "these are: [policy, abort-rule]"),

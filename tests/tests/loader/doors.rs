@@ -20,7 +20,8 @@ fn a_library_with_several_plugins_of_a_kind_loads() {
             "fixture/agent",
             "fixture/follower",
             "fixture/gentle",
-            "fixture/small"
+            "fixture/small",
+            "fixture/odds"
         ]
     );
 }
@@ -84,7 +85,7 @@ fn a_library_of_a_later_minor_version_loads_and_runs() {
 #[test]
 fn another_major_version_is_refused_from_the_file_alone() {
     let path = fixture("other-major");
-    check_refusal(&path, &["this host 1.1", "shield-api 1"]);
+    check_refusal(&path, &["\"fixture/by-hand\" speaks interface 2.0, this host 1.1", "shield-api 1"]);
     assert_eq!(read_manifests(&path).unwrap()[0].abi, (2, 0));
 }
 

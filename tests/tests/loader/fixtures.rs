@@ -54,22 +54,37 @@ pub fn optimised_fixture(name: &str) -> PathBuf {
     target().join("release").join(file_name(name))
 }
 
-/// The C library with the given macros defined.
+/// The rule in C with the given macros defined.
 pub fn c_fixture(name: &str, defines: &[&str]) -> PathBuf {
-    let folder = target().join("c");
-    fs::create_dir_all(&folder).unwrap();
-    let path = folder.join(format!("{name}{}", env::consts::DLL_SUFFIX));
+    let path = c_path(name);
     compile_rule(&path, defines, &[]);
     path
 }
 
-/// Builds the C library at `path`, with the given macros defined and more for the linker.
+/// The success critic in C with the given macros defined.
+pub fn c_critic(name: &str, defines: &[&str]) -> PathBuf {
+    let path = c_path(&format!("critic_{name}"));
+    compile(&path, "critic.c", defines, &[]);
+    path
+}
+
+fn c_path(name: &str) -> PathBuf {
+    let folder = target().join("c");
+    fs::create_dir_all(&folder).unwrap();
+    folder.join(format!("{name}{}", env::consts::DLL_SUFFIX))
+}
+
+/// Builds the rule in C at `path`, with the given macros defined and more for the linker.
 pub fn compile_rule(path: &Path, defines: &[&str], link: &[&str]) {
+    compile(path, "rule.c", defines, link);
+}
+
+fn compile(path: &Path, source: &str, defines: &[&str], link: &[&str]) {
     let mut cc = shared_library(path);
     cc.args(defines.iter().map(|define| format!("-D{define}")))
         .arg("-I")
         .arg(sources().join("../../shield-api/include"))
-        .arg(sources().join("c/rule.c"))
+        .arg(sources().join("c").join(source))
         .args(link)
         .arg("-lm");
     succeed(&mut cc);

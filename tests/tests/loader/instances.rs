@@ -139,6 +139,30 @@ fn a_policy_a_rule_and_a_reset_task_answer() {
     assert_eq!(signal, ResetSignal { reward: -0.5, in_reset_set: true });
 }
 
+#[test]
+fn a_success_critic_estimates_and_learns_beside_the_other_kinds() {
+    let mut odds =
+        Registry::default().success_critic(&choice("fixture/odds"), "(scale: 0.5)", &setup()).unwrap();
+    let (mut probabilities, mut gradients) = ([0.0; 2], [0.0; 2]);
+    let batch = AttemptBatch {
+        size: 2,
+        observations: &[0.0; 4],
+        actions: &[0.0; 2],
+        next_observations: &[0.0; 4],
+        next_actions: &[0.0; 2],
+        successes: &[1.0, 0.0],
+        continuations: &[0.0; 2],
+        outcomes: &[1.0, 0.0],
+        outcome_weights: &[1.0; 2],
+        masks: &[1.0; 4],
+    };
+    odds.update(&batch).unwrap();
+    odds.gradients(&[0.25, 0.0], &[0.5], &mut probabilities, &mut gradients).unwrap();
+    assert_eq!((probabilities, gradients), ([0.75, 0.75], [0.5, 0.0]));
+    let error = odds.update(&AttemptBatch { masks: &[1.0; 2], ..batch }).unwrap_err();
+    assert_eq!(error.message(), "fixture/odds: masks has 2 values, expected 4");
+}
+
 /// What an environment, a learner and a policy of the library answer, and their states.
 fn session(library: &Path) -> (Vec<f32>, Vec<u8>) {
     let choice = |id: &str| Selection::new(id).at(library);

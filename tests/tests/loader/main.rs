@@ -6,6 +6,7 @@
 
 mod allocations;
 mod c;
+mod c_undo;
 mod doors;
 mod fixtures;
 mod instances;

@@ -111,6 +111,7 @@ struct Asked<T: ?Sized> {
     action: Vec<f32>,
     place: Vec<f32>,
     values: Vec<f32>,
+    probabilities: Vec<f32>,
     gradients: Vec<f32>,
 }
 
@@ -124,9 +125,9 @@ impl Asked<dyn AbortRule> {
             values: &self.values,
             greedy_values: &self.values,
             forward_values: &self.values,
-            probabilities: &self.values,
-            greedy_probabilities: &self.values,
-            start_probabilities: &self.values,
+            probabilities: &self.probabilities,
+            greedy_probabilities: &self.probabilities,
+            start_probabilities: &self.probabilities,
             discount: 0.99,
             phase: Phase::Forward,
         }
@@ -160,6 +161,7 @@ impl Bench<'_, '_> {
             action: self.draw.action(),
             place: vec![0.0; width],
             values: self.draw.values(members),
+            probabilities: self.draw.probabilities(members),
             gradients: self.draw.values(members * width),
         }
     }

@@ -50,6 +50,11 @@ impl Draw {
         (0..count).map(|_| self.rng.random_range(0.0..100.0)).collect()
     }
 
+    /// `count` undo probabilities of an ensemble.
+    pub fn probabilities(&mut self, count: usize) -> Vec<f32> {
+        (0..count).map(|_| self.rng.random_range(0.0..=1.0)).collect()
+    }
+
     pub fn batch(&mut self, size: usize, members: usize) -> DrawnBatch {
         let observations: Vec<f32> = (0..size).flat_map(|_| self.observation()).collect();
         let actions: Vec<f32> = (0..size).flat_map(|_| self.action()).collect();
@@ -101,13 +106,14 @@ impl DrawnBatch {
     }
 
     /// Its parts, to put something wrong into one of them.
-    pub fn parts_mut(&mut self) -> [&mut Guarded; 5] {
+    pub fn parts_mut(&mut self) -> [&mut Guarded; 6] {
         [
             &mut self.observations,
             &mut self.actions,
             &mut self.rewards,
             &mut self.next_observations,
             &mut self.continuations,
+            &mut self.outcomes,
         ]
     }
 

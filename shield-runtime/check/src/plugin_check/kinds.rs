@@ -1,8 +1,8 @@
 //! What each kind but the environment is asked in one round, and what it must refuse.
 
 use shield_api::{
-    AbortRule, ActMode, Learner, ObservedDecision, Policy, Reason, ResetTask, Result as ApiResult, Rows,
-    RuleContext, Verdict,
+    AbortRule, ActMode, Learner, ObservedAttempt, ObservedDecision, Policy, Reason, ResetTask,
+    Result as ApiResult, Rows, RuleContext, Verdict,
 };
 
 use super::draw::Draw;
@@ -130,6 +130,7 @@ struct Shown {
     proposed: Guarded,
     previous: Guarded,
     values: [Guarded; 3],
+    probabilities: [Guarded; 3],
     gradients: Guarded,
 }
 
@@ -141,6 +142,8 @@ impl Shown {
             proposed: Guarded::input("proposed action", &draw.action()),
             previous: Guarded::input("previous action", &draw.action()),
             values: [(); 3].map(|()| Guarded::input("values", &draw.values(MEMBERS))),
+            probabilities: [(); 3]
+                .map(|()| Guarded::input("undo probabilities", &draw.probabilities(MEMBERS))),
             gradients: Guarded::input("gradients", &draw.values(MEMBERS * width)),
         }
     }
@@ -154,6 +157,9 @@ impl Shown {
             values: self.values[0].slice(),
             greedy_values: self.values[1].slice(),
             forward_values: self.values[2].slice(),
+            probabilities: self.probabilities[0].slice(),
+            greedy_probabilities: self.probabilities[1].slice(),
+            start_probabilities: self.probabilities[2].slice(),
             discount: 0.99,
             ..RuleContext::default()
         }
@@ -161,7 +167,8 @@ impl Shown {
 
     fn checked(&self) -> Result<(), String> {
         let parts = [&self.observation, &self.proposed, &self.previous, &self.gradients];
-        parts.into_iter().chain(&self.values).try_for_each(|part| part.checked().map(|_| ()))
+        let ensembles = self.values.iter().chain(&self.probabilities);
+        parts.into_iter().chain(ensembles).try_for_each(|part| part.checked().map(|_| ()))
     }
 }
 
@@ -176,7 +183,8 @@ pub fn rule_round(rule: &mut (dyn AbortRule + 'static), draw: &mut Draw) -> Roun
     let (verdict, _) = judge(rule)?;
     if judge(rule)?.0 != verdict {
         return Err(
-            "`evaluate` gives two verdicts for one context: only `observe` may change a rule's state".into(),
+            "`evaluate` gives two verdicts for one context: only `observe` and `observe_attempt` may change a rule's state"
+                .into(),
         );
     }
     let mut seen = vec![u32::from(verdict.verdict == Verdict::Allow), verdict.score.to_bits()];
@@ -189,6 +197,8 @@ pub fn rule_round(rule: &mut (dyn AbortRule + 'static), draw: &mut Draw) -> Roun
     let aborted = verdict.verdict == Verdict::Reject;
     let decision = ObservedDecision { step: 1, aborted, action: shown.proposed.slice() };
     call("observe", rule.observe(&decision))?;
+    let attempt = ObservedAttempt { step: 1, succeeded: !aborted };
+    call("observe_attempt", rule.observe_attempt(&attempt))?;
     shown.checked()?;
     Ok(seen)
 }
@@ -214,6 +224,9 @@ pub fn rule_refusals(rule: &mut (dyn AbortRule + 'static), draw: &mut Draw, bad:
                 (|shown| &mut shown.values[0]) as fn(&mut Shown) -> &mut Guarded,
             ),
             (needs.forward_values, "`evaluate` with it in the forward values", |shown| &mut shown.values[2]),
+            (needs.probabilities, "`evaluate` with it in the undo probabilities", |shown| {
+                &mut shown.probabilities[0]
+            }),
         ] {
             if is_needed {
                 ask(what, spoil, draw);

@@ -54,6 +54,8 @@ enum NewKind {
     AbortRule,
     /// What "undone" means, for an environment that does not say it
     ResetTask,
+    /// An ensemble that estimates how likely an action can be undone
+    SuccessCritic,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -73,8 +75,19 @@ impl NewKind {
             Self::Policy => Kind::Policy,
             Self::AbortRule => Kind::AbortRule,
             Self::ResetTask => Kind::ResetTask,
+            Self::SuccessCritic => Kind::SuccessCritic,
         }
         .name()
+    }
+
+    /// The kind whose table it sets, as the manifest writes it: the descriptor has no place of its own for later kinds.
+    fn table(self) -> &'static str {
+        if self == Self::SuccessCritic { Kind::Learner.name() } else { self.name() }
+    }
+
+    /// Whether an experiment has a field that names it.
+    fn is_in_experiments(self) -> bool {
+        self != Self::SuccessCritic
     }
 }
 
@@ -100,7 +113,10 @@ pub fn new(arguments: &NewArguments) -> Result<(), Failure> {
     let library = library(arguments.language, name);
     let folder = folder.display();
     output::note(format_args!("Made {folder}. Next:\n  cd {folder} && {build}"));
-    output::note(format_args!("  shield plugin check {library}\n  shield run experiment.ron"));
+    output::note(format_args!("  shield plugin check {library}"));
+    if arguments.kind.is_in_experiments() {
+        output::note(format_args!("  shield run experiment.ron"));
+    }
     Ok(())
 }
 
@@ -121,7 +137,7 @@ fn files(
     name: &str,
     api: &Path,
 ) -> Result<Vec<(&'static str, String)>, minijinja::Error> {
-    let kind = arguments.kind.name();
+    let (kind, table) = (arguments.kind.name(), arguments.kind.table());
     let author = env::var("USER").unwrap_or_else(|_| "unknown".into());
     let values = Values {
         id: arguments.id.clone(),
@@ -130,7 +146,8 @@ fn files(
         kind: kind.into(),
         entry: kind.replace('-', "_"),
         constant: kind.replace('-', "_").to_uppercase(),
-        table: type_name(kind),
+        place: table.replace('-', "_"),
+        table: type_name(table),
         author: author.replace(['"', '\\'], ""),
         library: library(arguments.language, name),
         api: api.display().to_string(),
@@ -151,7 +168,8 @@ fn files(
         ],
     };
     let templates = templates()?;
-    let files = own.into_iter().chain([("experiment.ron", "experiment.ron".into())]);
+    let experiment = arguments.kind.is_in_experiments().then(|| ("experiment.ron", "experiment.ron".into()));
+    let files = own.into_iter().chain(experiment);
     files.map(|(file, template)| Ok((file, templates.get_template(&template)?.render(&values)?))).collect()
 }
 

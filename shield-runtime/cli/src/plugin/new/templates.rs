@@ -14,6 +14,7 @@ const TEXTS: &[(&str, &str)] = texts![
     "rust/policy.rs",
     "rust/abort-rule.rs",
     "rust/reset-task.rs",
+    "rust/success-critic.rs",
     "rust/Cargo.toml",
     "rust/README.md",
     "rust/gitignore",
@@ -23,6 +24,7 @@ const TEXTS: &[(&str, &str)] = texts![
     "c/policy.c",
     "c/abort-rule.c",
     "c/reset-task.c",
+    "c/success-critic.c",
     "c/Makefile",
     "c/README.md",
     "c/gitignore",
@@ -41,11 +43,13 @@ pub(super) struct Values {
     pub type_name: String,
     /// `abort-rule`.
     pub kind: String,
-    /// `abort_rule`: what the kind is called in `export_plugin!` and in a descriptor.
+    /// `abort_rule`: what the kind is called in `export_plugin!`.
     pub entry: String,
+    /// `abort_rule`: where a descriptor has the table.
+    pub place: String,
     /// `ABORT_RULE`.
     pub constant: String,
-    /// `AbortRule`, of which C has the table.
+    /// `AbortRule`: whose table it is.
     pub table: String,
     /// Whoever makes it.
     pub author: String,

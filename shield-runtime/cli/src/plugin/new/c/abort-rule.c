@@ -7,7 +7,9 @@ static const float limit = 0.9f;
 
 static int32_t needs(ShieldInstance *self, uint32_t *needs) {
     (void)self;
-    *needs = 0; /* SHIELD_NEED_VALUES asks for the reset ensemble's values of the proposed action */
+    /* SHIELD_NEED_VALUES asks for the reset ensemble's values of the proposed action. SHIELD_NEED_PROBABILITIES asks for undo
+       probabilities, which a ShieldUndoRuleTable is given: the extension SHIELD_EXTENSION_UNDO_RULE. */
+    *needs = 0;
     return SHIELD_STATUS_OK;
 }
 
@@ -48,7 +50,7 @@ static int32_t linearise(
 
 static int32_t observe(ShieldInstance *self, const ShieldObservedDecisionView *decision) {
     (void)self;
-    (void)decision; /* the only place where a rule may change its state */
+    (void)decision; /* here a rule may change its state, and in `observe_attempt` of the extension */
     return SHIELD_STATUS_OK;
 }
 <% endblock %>

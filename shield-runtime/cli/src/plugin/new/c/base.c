@@ -112,12 +112,14 @@ static size_t last_error(ShieldInstance *self, uint8_t *buffer, size_t capacity,
     return length;
 }
 
+<% block abilities %><% endblock %>
+
+<% block extension %>
 static const void *get_extension(ShieldText name) {
     (void)name;
     return NULL; /* none */
 }
-
-<% block abilities %><% endblock %>
+<% endblock %>
 
 SHIELD_MANIFEST(manifest, "[[ id ]]", "[[ kind ]]", "0.1.0", "[[ author ]]", "MIT OR Apache-2.0", "<% block description %><% endblock %>", "true", "");
 
@@ -131,7 +133,7 @@ static const ShieldPluginDescriptor plugins[] = {{
     .struct_size = sizeof plugins[0],
     .kind = SHIELD_KIND_[[ constant ]],
     .manifest = SHIELD_MANIFEST_TEXT(manifest),
-    .[[ entry ]] = &table,
+    .[[ place ]] = &table,
 }};
 
 static const ShieldPluginLibrary library = {

@@ -30,7 +30,7 @@ struct [[ type ]] {
 <% block abilities %>
 impl AbortRule for [[ type ]] {
     fn needs(&self) -> Needs {
-        // `values: true` asks for the reset ensemble's values of the proposed action.
+        // `values: true` asks for the reset ensemble's values of the proposed action, `probabilities: true` for its undo probabilities.
         Needs::default()
     }
 
