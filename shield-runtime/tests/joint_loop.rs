@@ -10,6 +10,7 @@ use rand_pcg::Pcg64;
 use shield_api::{AbortRule, ActMode, Error, ErrorKind, Needs, Phase, RuleVerdict, Verdict};
 use shield_runtime::{
     agent::ForwardAgent,
+    cycle::Evaluated,
     evaluation::Evaluator,
     events::EpisodeEnd,
     experience::AgentRole,
@@ -472,7 +473,10 @@ fn an_evaluation_does_not_depend_on_how_many_episodes_run_at_once() {
         let batch = Lanes::new((0..worlds).map(|_| world()).collect(), threads).unwrap();
         let mut evaluator = Evaluator::new(batch, None, EvaluatedAgent::Forward, None, 7, 3).unwrap();
         let mut policy = ForwardAgent::Policy(Box::new(Scripted::acting(|_, _| 1.0)));
-        [10, 20].map(|step| evaluator.run(step, Some(&mut policy), None).unwrap())
+        [10, 20].map(|step| {
+            let agents = Evaluated { forward: Some(&mut policy), ..Evaluated::default() };
+            evaluator.run(step, agents).unwrap()
+        })
     };
     let alone = evaluate(1, 1);
     assert!(alone[0].steps == 7 * EPISODE as u64 && alone[0].irreversible_entries == 7, "{alone:?}");

@@ -180,7 +180,9 @@ fn every_rule_is_told_how_an_attempt_ended() {
     let rule = Half { attempts: Arc::clone(&attempts) };
     let mut ladder = ladder(Box::new(rule), &reset_agent());
     let told = [ObservedAttempt { step: 3, succeeded: true }, ObservedAttempt { step: 5, succeeded: false }];
-    told.iter().for_each(|attempt| ladder.observe_attempt(attempt).unwrap());
+    told.iter().for_each(|attempt| ladder.observe_attempt(attempt));
     assert_eq!(*attempts.lock().unwrap(), told);
-    assert!(ladder.observe_attempt(&ObservedAttempt { step: 7, succeeded: true }).is_err());
+    assert!(!ladder.is_broken());
+    ladder.observe_attempt(&ObservedAttempt { step: 7, succeeded: true });
+    assert!(ladder.is_broken() && ladder.reason() == "not this one", "{}", ladder.reason());
 }

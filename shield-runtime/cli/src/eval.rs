@@ -6,7 +6,6 @@ use clap::{Args, ValueEnum};
 use comfy_table::{CellAlignment, Table, presets::UTF8_FULL_CONDENSED};
 use serde::Serialize;
 use shield_config::experiment::Override;
-use shield_core::agent::Agent;
 use shield_host::plugin::Registry;
 use shield_lab::run::{Restored, RunFolder, restore};
 
@@ -121,13 +120,11 @@ fn settings(arguments: &EvalArguments) -> Result<Override, Failure> {
 fn evaluate(restored: Restored, folder: &RunFolder, episodes: u32) -> Result<Evaluated, Failure> {
     let Restored { identity, prepared, state, .. } = restored;
     let mut participants = prepared.participants;
-    let (Some(evaluator), forward) = (&mut participants.evaluator, participants.agents.forward.as_mut())
-    else {
+    let Some(evaluator) = &mut participants.evaluator else {
         return Err(Failure::Run("the experiment has no evaluation".into()));
     };
-    let reset = participants.agents.reset.as_mut().map(Agent::learner);
     let record = evaluator
-        .run(state.counters().steps, forward, reset)
+        .run(state.counters().steps, participants.agents.agents())
         .map_err(|error| Failure::Run(format!("{}: {error}", folder.path().display())))?;
     Ok(Evaluated {
         run: folder.path().display().to_string(),

@@ -9,8 +9,13 @@ use rand::Rng;
 use rand_pcg::Pcg64;
 use shield_api::{AbortRule, Learner, ResetTask, Setup, Spaces};
 
-use crate::experiment::{InputError, PluginChoice, RuleConfig, ShieldConfig, Source};
-use shield_core::shield::{Ladder, LadderSettings, RuleTree, nearest_to_zero};
+use crate::experiment::{ExperienceConfig, InputError, PluginChoice, RuleConfig, ShieldConfig, Source};
+use shield_core::{
+    critic::Critic,
+    cycle::Memory,
+    experience::Experience,
+    shield::{Ladder, LadderSettings, RuleTree, nearest_to_zero},
+};
 use shield_host::plugin::{self, PluginError, Registry, Selection};
 
 /// What draws random numbers. Each has a stream of its own, so that a change in one leaves the others alone.
@@ -42,6 +47,10 @@ pub enum Stream {
     Masks,
     /// Seeds of evaluation episodes.
     EvaluationSeeds,
+    /// The success critic.
+    Success,
+    /// Batches of the success critic.
+    SuccessBatches,
 }
 
 /// Where plugins are found, and what all of one run share.
@@ -103,11 +112,50 @@ impl Workshop<'_> {
         Ok(Box::new(task.map_err(|error| self.input_error("reset_task", error))?))
     }
 
-    /// What decides, for a reset agent like `reset`.
+    /// Makes the success critic, if there is one.
+    ///
+    /// # Errors
+    /// It is missing or refuses its configuration.
+    pub fn success_critic(
+        &self,
+        config: &ShieldConfig,
+        batch: usize,
+        spaces: &Spaces,
+    ) -> Result<Option<Critic>, InputError> {
+        let Some(choice) = config.critic() else { return Ok(None) };
+        let setup = self.setup(Stream::Success, spaces);
+        let critic = self.registry.success_critic(&self.selection(choice), choice.config.get_ron(), &setup);
+        let critic = critic.map_err(|error| self.input_error("shield.success_critic", error))?;
+        let sampler = self.generator(Stream::SuccessBatches);
+        Ok(Some(Critic::new(Box::new(critic), batch, spaces, sampler)))
+    }
+
+    /// The memory of agents with so many members, of the forward and of the reset agent.
+    ///
+    /// # Errors
+    /// The memory does not have that much room.
+    pub fn memory(
+        &self,
+        config: &ExperienceConfig,
+        members: [usize; 2],
+        success: Option<&Critic>,
+        spaces: &Spaces,
+    ) -> Result<Memory, InputError> {
+        let experience = Experience::new(config.capacity, spaces, members, config.bootstrap_probability)
+            .and_then(|experience| match success {
+                None => Ok(experience),
+                Some(critic) => experience.with_undo(config.undo(critic.info().members)),
+            })
+            .map_err(|error| self.refused("experience.capacity", &error))?;
+        Ok(Memory { experience, masks: self.generator(Stream::Masks) })
+    }
+
+    /// What decides, for a reset agent and a success critic like these.
     pub fn ladder(
         &self,
         config: &ShieldConfig,
         reset: &dyn Learner,
+        success: Option<&Critic>,
         spaces: &Spaces,
         stream: Stream,
     ) -> Result<Ladder, InputError> {
@@ -118,6 +166,15 @@ impl Workshop<'_> {
             LadderSettings { spaces: spaces.clone(), warm_up_steps: config.warm_up_steps, fallback_action };
         let mut ladder = Ladder::new(RuleTree::All(rules), reset, settings)
             .map_err(|error| self.refused("shield.fallback_action", &error))?;
+        match success {
+            Some(critic) => ladder = ladder.with_success_critic(critic.info()),
+            None if ladder.needs().undo_probabilities() => {
+                let message = "a rule needs undo probabilities: name what estimates them, for example \
+                               `success_critic: Some(plugin: \"success-critic\")`";
+                return Err(self.source.error_at("shield", None, message));
+            }
+            None => {}
+        }
         if let Some(projection) = &config.projection {
             ladder = ladder
                 .with_projection(projection.clone())

@@ -14,16 +14,19 @@ mod learning;
 mod looking;
 mod settings;
 mod state;
+mod undoing;
 
-pub use looking::Deliberation;
+pub use looking::{Deliberation, Evaluated};
 pub use settings::CycleSettings;
-pub use state::{CycleState, LearnedState, of_plugin, restore_rules, save_rules};
+pub use state::{CycleState, LearnedState, UndoState, of_plugin, restore_rules, save_rules};
 
 use rand_pcg::Pcg64;
 use shield_api::{Error, metrics::Metrics};
 
+use self::undoing::SinceReset;
 use crate::{
     agent::{Agent, ForwardAgent},
+    critic::Critic,
     decision::Cause,
     events::{Counters, EpisodeEnd, EpisodeEvent, Tally},
     experience::{AgentRole, Experience},
@@ -38,6 +41,8 @@ pub struct CycleParts {
     pub forward: Option<ForwardAgent>,
     /// Undoes it; `None` in `StatusQuo` and `ForwardOnly`.
     pub reset: Option<Agent>,
+    /// Estimates how likely that succeeds; `None` where no rule asks for it.
+    pub success: Option<Critic>,
     /// Decides on forward actions; `None` in all modes but `Shielded`.
     pub ladder: Option<Ladder>,
     /// What the agents learn from; `None` where nobody learns.
@@ -90,8 +95,7 @@ pub struct ResetCycle {
     hard_reset_due: Option<HardResetDue>,
     /// A start was observed.
     is_placed: bool,
-    /// Something may have to be undone.
-    has_moved: bool,
+    since_reset: SinceReset,
     was_irreversible: bool,
     /// An action was decided, and where it led is not known yet.
     is_pending: bool,
@@ -118,6 +122,7 @@ impl ResetCycle {
         let (action, metrics) = (vec![0.0; action_len], Metrics::default());
         parts.forward.iter_mut().for_each(|forward| forward.report_to(&metrics));
         parts.reset.iter_mut().for_each(|reset| reset.report_to(&metrics));
+        parts.success.iter_mut().for_each(|success| success.report_to(&metrics));
         Self {
             metrics,
             turn: first_turn(&settings.mode),
@@ -129,7 +134,7 @@ impl ResetCycle {
             episode: None,
             hard_reset_due: None,
             is_placed: false,
-            has_moved: false,
+            since_reset: SinceReset::default(),
             was_irreversible: false,
             is_pending: false,
             failure: None,
@@ -155,18 +160,22 @@ impl ResetCycle {
         true
     }
 
-    /// Ends the forward episode because of an abort for this cause; the reset agent's turn comes.
+    /// Ends the forward episode because of an abort for this cause. The reset agent's turn comes, unless there is
+    /// [nothing to undo](Self::has_nothing_to_undo).
     pub fn finish_aborted(&mut self, cause: Cause) -> EpisodeEvent {
         self.store_abort(cause);
-        self.finish(EpisodeEnd::Abort)
+        if self.has_nothing_to_undo() { self.stay(cause) } else { self.finish(EpisodeEnd::Abort) }
     }
 
     /// Ends the present episode: whose turn is next, and whether a hard reset comes first.
     pub fn finish(&mut self, end: EpisodeEnd) -> EpisodeEvent {
         let tally = self.episode.take().unwrap_or_default();
         let role = self.turn;
-        let is_known = !matches!(end, EpisodeEnd::Interrupted | EpisodeEnd::WorkerLost);
-        let has_reset = role == AgentRole::Reset && is_known && self.passes_reset_test(&tally);
+        let is_unknown = matches!(end, EpisodeEnd::Interrupted | EpisodeEnd::WorkerLost);
+        // What an environment shows that has ended may be its start.
+        let is_success = role == AgentRole::Reset && !is_unknown && end != EpisodeEnd::Terminated;
+        let has_reset = is_success && self.passes_reset_test(&tally);
+        self.note_outcome(&tally, end, has_reset);
         self.counters.worker_restarts += u64::from(end == EpisodeEnd::WorkerLost);
         let is_over = match (&self.settings.mode, role) {
             (Mode::Shielded, AgentRole::Reset) => self.close_attempt(end, has_reset),
@@ -187,6 +196,7 @@ impl ResetCycle {
         }
         EpisodeEvent {
             role,
+            undo_probability: if role == AgentRole::Reset { self.since_reset.predicted.take() } else { None },
             length: tally.length,
             forward_return: tally.forward_return,
             reset_return: tally.reset_return,
@@ -205,7 +215,7 @@ impl ResetCycle {
         }
         self.failed_attempts = if has_reset { 0 } else { self.failed_attempts + 1 };
         self.reset_successes += u64::from(has_reset);
-        self.has_moved &= !has_reset;
+        self.since_reset.has_moved &= !has_reset;
         let tries_again = !has_reset && self.settings.between_attempts == BetweenAttempts::Reset;
         self.turn = if tries_again { AgentRole::Reset } else { AgentRole::Forward };
         self.settings.reset_attempts.is_some_and(|limit| self.failed_attempts >= limit)
@@ -215,7 +225,7 @@ impl ResetCycle {
     /// done since the last success, nor if a hard reset is due.
     pub fn begin_reset(&mut self) -> bool {
         if self.turn == AgentRole::Forward {
-            if self.has_moved && self.hard_reset_due.is_none() {
+            if self.since_reset.has_moved && self.hard_reset_due.is_none() {
                 self.finish(EpisodeEnd::TimeLimit);
             }
             self.episode = None;
@@ -249,7 +259,8 @@ impl ResetCycle {
         self.turn = first_turn(&self.settings.mode);
         self.episode = None;
         self.is_placed = true;
-        (self.has_moved, self.was_irreversible) = (false, false);
+        (self.since_reset, self.was_irreversible) = (SinceReset::default(), false);
+        self.begin_to_measure();
         (self.has_previous, self.is_pending) = (false, false);
     }
 }

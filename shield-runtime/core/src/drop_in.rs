@@ -168,7 +168,9 @@ impl DropIn {
         let is_intervention = self.cycle.hard_reset_due().is_none() && !self.cycle.is_broken();
         if let Some(abort) = decision.abort().filter(|_| is_intervention) {
             self.cycle.finish_aborted(abort.cause);
-            self.cycle.begin_episode();
+            if self.cycle.turn() == AgentRole::Reset {
+                self.cycle.begin_episode();
+            }
         }
         Ok(decision)
     }

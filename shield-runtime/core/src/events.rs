@@ -61,8 +61,28 @@ pub struct EpisodeEvent {
     pub has_reset: bool,
     /// For a reset episode: the mean of the ensemble's values of the greedy action at its start.
     pub reset_value: Option<f32>,
+    /// For a reset episode: the mean of the success critic's estimates at its start.
+    pub undo_probability: Option<f32>,
     /// The hard reset that follows, if one does.
     pub hard_reset: Option<HardReset>,
+}
+
+impl EpisodeEvent {
+    /// Of a forward episode that no hard reset follows.
+    pub(crate) fn of_forward(tally: &Tally, end: EpisodeEnd) -> Self {
+        Self {
+            role: AgentRole::Forward,
+            length: tally.length,
+            forward_return: tally.forward_return,
+            reset_return: tally.reset_return,
+            success: tally.success,
+            end,
+            has_reset: false,
+            reset_value: tally.reset_value,
+            undo_probability: None,
+            hard_reset: None,
+        }
+    }
 }
 
 /// A hard reset.

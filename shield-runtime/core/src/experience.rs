@@ -4,15 +4,22 @@
 //! either agent can learn from what the other did (§4). The memory is a ring of fixed size: nothing is allocated after
 //! the start.
 
+mod attempts;
 mod batch;
+mod failures;
+mod undo;
 
+pub use attempts::Attempt;
 pub use batch::BatchBuffers;
+pub use undo::{AttemptBuffers, Fate, UndoMemoryState, UndoSettings};
 
 use std::ops::Range;
 
 use rand::{Rng, RngExt};
 use serde::{Deserialize, Serialize};
 use shield_api::{Batch, Error, Result, Spaces};
+
+use self::undo::UndoMemory;
 
 /// One of the two agents.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -62,6 +69,8 @@ pub struct Transition<'a> {
     pub forward: Option<AgentShare>,
     /// The reset agent's share; `None` if it does not learn from it.
     pub reset: Option<AgentShare>,
+    /// Where it led, for the success critic; `None` if the action was never executed.
+    pub fate: Option<Fate>,
 }
 
 /// Stands for the continuation flag where an agent has no share.
@@ -119,6 +128,8 @@ pub struct Experience {
     next_observations: Vec<f32>,
     shares: [Shares; 2],
     mask: Vec<u64>,
+    /// What a success critic learns from; `None` where there is none.
+    undo: Option<UndoMemory>,
 }
 
 impl Experience {
@@ -148,7 +159,18 @@ impl Experience {
             next_observations: rows(capacity, observation_len)?,
             shares,
             mask: vec![0; words],
+            undo: None,
         })
+    }
+
+    /// Also keeps what a success critic learns from; to be said while it is empty.
+    ///
+    /// # Errors
+    /// The memory does not have that much room.
+    pub fn with_undo(mut self, settings: UndoSettings) -> Result<Self> {
+        let width = 2 * self.observation_len + self.action_len;
+        self.undo = Some(UndoMemory::new(settings, self.capacity, width)?);
+        Ok(self)
     }
 
     /// How many transitions there is room for.
@@ -180,7 +202,8 @@ impl Experience {
     pub fn row_bytes(&self) -> usize {
         let floats = 2 * self.observation_len + self.action_len + 2 * self.shares.len();
         let words: usize = self.shares.iter().map(|share| share.words).sum();
-        floats * size_of::<f32>() + words * size_of::<u64>()
+        let fates = usize::from(self.undo.is_some());
+        (floats + fates) * size_of::<f32>() + words * size_of::<u64>()
     }
 
     /// Appends kept transitions to `bytes`, [`row_bytes`](Self::row_bytes) each, little-endian.
@@ -192,6 +215,9 @@ impl Experience {
             for share in &self.shares {
                 let mask = &share.masks[slot * share.words..(slot + 1) * share.words];
                 bytes.extend(mask.iter().flat_map(|word| word.to_le_bytes()));
+            }
+            if let Some(undo) = &self.undo {
+                bytes.extend(undo.fate(slot).to_le_bytes());
             }
         }
     }
@@ -208,6 +234,9 @@ impl Experience {
             share.continuations.resize(length, 0.0);
             share.masks.resize(length * share.words, 0);
             share.count = 0;
+        }
+        if let Some(undo) = &mut self.undo {
+            undo.expect(length);
         }
         self.pushed = kept.end;
     }
@@ -227,6 +256,9 @@ impl Experience {
                 }
                 share.count += usize::from(share.continuations[slot] != NO_SHARE);
             }
+            if let Some(undo) = &mut self.undo {
+                undo.read(slot, f32::from_le_bytes(take(&mut row)));
+            }
         }
     }
 
@@ -238,6 +270,9 @@ impl Experience {
         let forgotten = (first - kept.start) as usize * self.row_bytes();
         let count = kept.end - first;
         let kept = if count < room { 0..count } else { first..kept.end };
+        if let Some(undo) = &mut self.undo {
+            undo.renumber(first - kept.start);
+        }
         self.expect_rows(kept.clone());
         self.read_rows(kept.start, &rows[forgotten..]);
     }
@@ -286,7 +321,15 @@ impl Experience {
             }
             put(&mut share.masks, slot, mask);
         }
+        if let Some(undo) = &mut self.undo {
+            undo.put(slot, transition.fate);
+        }
         self.pushed += 1;
+    }
+
+    /// The number of the transition that will be stored next.
+    pub fn next_number(&self) -> u64 {
+        self.pushed
     }
 
     fn slot(&self, number: u64) -> usize {

@@ -3,12 +3,12 @@
 use rand::{Rng, SeedableRng};
 use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize};
-use shield_api::{ActMode, Error, Learner, Result};
+use shield_api::{ActMode, Error, Result, SuccessCritic};
 
 use crate::lanes::{Lane, Lanes};
 use shield_core::{
     agent::ForwardAgent,
-    cycle::{restore_rules, save_rules},
+    cycle::{Evaluated, restore_rules, save_rules},
     events::{EvaluationEvent, Tally},
     plugin_state::PluginState,
     settings::EvaluatedAgent,
@@ -34,12 +34,6 @@ pub struct Evaluator {
     episodes: u32,
     seed: u64,
     previous: Vec<f32>,
-}
-
-/// The agents as an evaluation borrows them.
-struct Agents<'a> {
-    forward: Option<&'a mut ForwardAgent>,
-    reset: Option<&'a mut (dyn Learner + 'a)>,
 }
 
 /// An episode under way, or done.
@@ -91,13 +85,13 @@ impl Evaluator {
     ///
     /// # Errors
     /// A plugin failed.
-    pub fn run<'a>(
-        &mut self,
-        step: u64,
-        forward: Option<&'a mut ForwardAgent>,
-        reset: Option<&'a mut (dyn Learner + 'a)>,
-    ) -> Result<EvaluationEvent> {
-        let mut agents = Agents { forward, reset };
+    pub fn run(&mut self, step: u64, mut agents: Evaluated<'_>) -> Result<EvaluationEvent> {
+        if let (Some(ladder), Some(trained)) = (&mut self.ladder, &mut agents.ladder)
+            && ladder.needs().undo_probabilities()
+        {
+            // What such rules have adapted to is what is deployed.
+            restore_rules(Some(ladder), &save_rules(Some(trained))?)?;
+        }
         let mut seeds = Pcg64::seed_from_u64(self.seed);
         let seeds: Vec<u64> = (0..self.episodes).map(|_| seeds.next_u64()).collect();
         let mut episodes = Vec::new();
@@ -122,7 +116,8 @@ impl Evaluator {
     }
 
     /// One episode per seed, all at the same time: the agent acts for one world after the other, then all worlds step.
-    fn wave(&mut self, step: u64, seeds: &[u64], agents: &mut Agents<'_>) -> Result<Vec<Episode>> {
+    fn wave(&mut self, step: u64, seeds: &[u64], agents: &mut Evaluated<'_>) -> Result<Vec<Episode>> {
+        self.ladder.iter_mut().for_each(Ladder::begin_cycle);
         let mut episodes = vec![Episode::default(); seeds.len()];
         for (lane, seed) in self.batch.lanes().iter_mut().zip(seeds) {
             lane.world.hard_reset(self.start.as_deref(), *seed)?;
@@ -145,10 +140,10 @@ impl Evaluator {
     }
 
     /// Chooses the next action of a lane.
-    fn act(&mut self, step: u64, lane: usize, has_previous: bool, agents: &mut Agents<'_>) -> Result<()> {
+    fn act(&mut self, step: u64, lane: usize, has_previous: bool, agents: &mut Evaluated<'_>) -> Result<()> {
         let Lane { world, action, .. } = &mut self.batch.lanes()[lane];
         let observation = world.observation();
-        let Agents { forward, reset } = agents;
+        let Evaluated { forward, reset, success, .. } = agents;
         match (self.agent, &mut *forward, &mut *reset) {
             (EvaluatedAgent::Forward, Some(forward), _) => {
                 forward.act(observation, ActMode::Greedy, action)?
@@ -160,7 +155,12 @@ impl Evaluator {
             let moment = Moment { step, observation, previous: has_previous.then_some(&self.previous) };
             let forward = forward.as_deref_mut().and_then(ForwardAgent::learner);
             // A rejected action is replaced by the reset agent's for this step: the shield as deployed.
-            ladder.filter(shield::Agents { reset: &mut **reset, forward, success: None }, &moment, action);
+            let success = match success {
+                Some(critic) => Some(&mut **critic as &mut dyn SuccessCritic),
+                None => None,
+            };
+            let agents = shield::Agents { reset: &mut **reset, forward, success };
+            ladder.filter(agents, &moment, action);
         }
         self.previous.copy_from_slice(action);
         Ok(())

@@ -158,8 +158,7 @@ impl<'a> JointLoop<'a> {
         let steps = self.counters().steps;
         self.last_evaluation = Some(steps);
         let Some(evaluator) = &mut self.evaluator else { return Ok(()) };
-        let (forward, reset) = self.cycle.agents();
-        let record = evaluator.run(steps, forward, reset)?;
+        let record = evaluator.run(steps, self.cycle.agents())?;
         self.observer.on_evaluation(&record, self.cycle.counters())
     }
 

@@ -7,7 +7,7 @@ use shield_api::metrics::Metric;
 use crate::evaluation::EvaluatorState;
 use shield_core::{
     agent::AgentState,
-    cycle::{CycleState, LearnedState},
+    cycle::{CycleState, LearnedState, UndoState},
     events::Counters,
     plugin_state::PluginState,
     world::{World, WorldState},
@@ -34,6 +34,8 @@ pub struct LoopState {
     pub(crate) learned: LearnedState,
     pub(crate) evaluator: Option<EvaluatorState>,
     pub(crate) metrics: Vec<Metric>,
+    #[serde(deserialize_with = "UndoState::or_none")]
+    pub(crate) undo: UndoState,
 }
 
 impl LoopState {
@@ -72,6 +74,9 @@ impl LoopState {
                     && evaluator.is_none_or(|state| state.reset_tasks.iter().all(task)),
             ),
         ];
+        if let Some(critic) = &self.undo.critic {
+            all.push(("shield.success_critic".into(), critic.plugin.is_saved()));
+        }
         for (index, rule) in self.learned.rules.iter().enumerate() {
             let in_evaluation = evaluator.and_then(|evaluator| evaluator.rules.get(index));
             let is_saved = rule.is_saved() && in_evaluation.is_none_or(PluginState::is_saved);

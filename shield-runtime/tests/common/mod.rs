@@ -339,6 +339,7 @@ impl Scene {
         let agents = CycleParts {
             forward: self.forward,
             reset: self.reset.map(|reset| agent(AgentRole::Reset, reset)),
+            success: None,
             ladder: shield,
             memory: Some(memory),
         };

@@ -10,7 +10,7 @@ use rand::RngExt;
 use rand_pcg::Pcg64;
 use shield_api::{AbortRule, ActMode, Environment, Learner, Setup};
 use shield_runtime::{
-    experience::{AgentShare, Experience, Transition},
+    experience::{AgentShare, Experience, Fate, Transition},
     experiment::{ProjectionConfig, QpConfig},
     plugin::{Registry, SearchPath, Selection, host},
     shield::{Agents, Ladder, LadderSettings, Moment},
@@ -60,6 +60,7 @@ fn allocations_per_run(environment: &str, q_min: &str) -> (u64, usize) {
                 next_observation: world.next_observation(),
                 forward: Some(AgentShare { reward: outcome.forward_reward, continues: true }),
                 reset: Some(AgentShare { reward: outcome.reset_reward, continues: true }),
+                fate: Some(Fate::of(&outcome)),
             };
             experience.push(&transition, &mut masks);
             world.advance();

@@ -85,9 +85,7 @@ impl Experiment {
             Forward::Policy(choice) => ("forward".into(), Kind::Policy, choice),
         });
         found.extend(self.reset.iter().map(|choice| ("reset".into(), Kind::Learner, choice)));
-        let mut rules = Vec::new();
-        RuleConfig::collect(&self.shield.rules, "shield.rules", &mut rules);
-        found.extend(rules.into_iter().map(|(path, choice)| (path, Kind::AbortRule, choice)));
+        found.extend(self.shield.plugins());
         found.extend(self.reset_task.iter().map(|choice| ("reset_task".into(), Kind::ResetTask, choice)));
         found
     }
@@ -105,6 +103,7 @@ impl Experiment {
             .into_iter()
             .chain(&mut self.reset)
             .chain(self.shield.rules.iter_mut().flat_map(RuleConfig::plugins_mut))
+            .chain(&mut self.shield.success_critic)
             .chain(&mut self.reset_task)
     }
 }

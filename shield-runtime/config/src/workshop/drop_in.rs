@@ -6,9 +6,9 @@ use super::{Stream, Workshop};
 use crate::experiment::{DropInFile, InputError, SpacesConfig, cycle_settings};
 use shield_core::{
     agent::Agent,
-    cycle::{CycleParts, CycleSettings, Memory, ResetCycle},
+    cycle::{CycleParts, CycleSettings, ResetCycle},
     drop_in::DropIn,
-    experience::{AgentRole, Experience},
+    experience::AgentRole,
 };
 use shield_host::plugin::Registry;
 
@@ -27,18 +27,18 @@ impl DropInFile {
             Some(choice) => Some(workshop.reset_task(choice, &workshop.setup(Stream::ResetTask, &spaces))?),
         };
         let learner = workshop.learner("reset", &config.reset, &workshop.setup(Stream::Reset, &spaces))?;
-        let ladder = workshop.ladder(&config.shield, &*learner, &spaces, Stream::Rules)?;
         let learned = &config.experience;
+        let success = workshop.success_critic(&config.shield, learned.batch, &spaces)?;
+        let ladder = workshop.ladder(&config.shield, &*learner, success.as_ref(), &spaces, Stream::Rules)?;
         let members = [0, learner.info().members];
-        let experience = Experience::new(learned.capacity, &spaces, members, learned.bootstrap_probability)
-            .map_err(|error| workshop.refused("experience.capacity", &error))?;
+        let memory = workshop.memory(learned, members, success.as_ref(), &spaces)?;
         let sampler = workshop.generator(Stream::ResetBatches);
         let reset = Agent::new(AgentRole::Reset, learner, learned.batch, &spaces, sampler);
         let learns = learned.updates_per_step > 0;
-        let memory = Memory { experience, masks: workshop.generator(Stream::Masks) };
         let parts = CycleParts {
             forward: None,
             reset: Some(reset),
+            success,
             ladder: Some(ladder),
             memory: learns.then_some(memory),
         };

@@ -5,6 +5,7 @@ use shield_api::{ActMode, Error, ErrorKind, Result};
 use super::{CycleParts, ResetCycle};
 use crate::{
     agent::ForwardAgent,
+    critic::Critic,
     decision::{Cause, Decision},
     shield::{Agents, Moment},
 };
@@ -58,8 +59,13 @@ impl ResetCycle {
     pub fn decide(&mut self, observation: &[f32]) -> Decision {
         self.observation.copy_from_slice(observation);
         self.is_pending = true;
-        let CycleParts { forward, reset, ladder, .. } = &mut self.parts;
+        self.since_reset.stays = false;
+        let CycleParts { forward, reset, success, ladder, .. } = &mut self.parts;
         let (Some(ladder), Some(reset)) = (ladder, reset) else { return Decision::Allow };
+        if ladder.is_broken() {
+            self.is_pending = false;
+            return ladder.refuse(Cause::RuleFailed, &mut self.action);
+        }
         if self.hard_reset_due.is_some() {
             return ladder.refuse(Cause::AwaitsHardReset, &mut self.action);
         }
@@ -69,7 +75,8 @@ impl ResetCycle {
             previous: self.has_previous.then_some(&self.previous),
         };
         let forward = forward.as_mut().and_then(ForwardAgent::learner);
-        let agents = Agents { reset: reset.learner(), forward, success: None };
+        let success = success.as_mut().map(Critic::critic);
+        let agents = Agents { reset: reset.learner(), forward, success };
         let decision = match self.failure.take() {
             Some(error) => ladder.forward_failed(agents, &moment, &error, &mut self.action),
             None => ladder.filter(agents, &moment, &mut self.action),
@@ -96,7 +103,9 @@ impl ResetCycle {
     pub fn act_to_reset(&mut self, observation: &[f32]) -> Result<Option<Decision>> {
         self.observation.copy_from_slice(observation);
         self.is_pending = true;
-        let CycleParts { forward, reset, ladder, .. } = &mut self.parts;
+        self.since_reset.stays = false;
+        self.predict(observation);
+        let CycleParts { forward, reset, success, ladder, .. } = &mut self.parts;
         let reset = reset.as_mut().ok_or_else(no_reset_agent)?;
         let mode = if self.settings.explores { ActMode::Explore } else { ActMode::Greedy };
         reset.learner().act(observation, mode, &mut self.action)?;
@@ -108,7 +117,8 @@ impl ResetCycle {
             previous: self.has_previous.then_some(&self.previous),
         };
         let forward = forward.as_mut().and_then(ForwardAgent::learner);
-        let agents = Agents { reset: reset.learner(), forward, success: None };
+        let success = success.as_mut().map(Critic::critic);
+        let agents = Agents { reset: reset.learner(), forward, success };
         let decision = if self.settings.explores && self.settings.shield_exploration {
             ladder.guard(agents, &moment, &mut self.action)
         } else {

@@ -6,7 +6,7 @@ use super::{CycleParts, CycleSettings, Memory, ResetCycle};
 use crate::{
     decision::Cause,
     events::{EpisodeEnd, Tally},
-    experience::{AgentRole, AgentShare, Transition},
+    experience::{AgentRole, AgentShare, Fate, Transition},
     settings::Updates,
 };
 
@@ -24,8 +24,11 @@ impl ResetCycle {
         tally += outcome;
         // A caller may also report what came of a fallback action, outside of any episode.
         self.episode = self.episode.map(|_| tally);
-        self.has_moved = true;
-        self.counters.forward_steps += u64::from(self.turn == AgentRole::Forward);
+        // After an abort with nothing to undo, a caller may execute what stood in for the rejected action. Within the reset set, nothing is
+        // to be undone still.
+        self.since_reset.has_moved |= !self.since_reset.stays || !outcome.in_reset_set || outcome.terminated;
+        let is_forward = self.turn == AgentRole::Forward && !self.since_reset.stays;
+        self.counters.forward_steps += u64::from(is_forward);
         let has_failed =
             self.turn == AgentRole::Reset && self.is_last(&tally) && !self.passes_reset_test(&tally);
         self.store(next_observation, outcome, has_failed);
@@ -71,8 +74,10 @@ impl ResetCycle {
                 next_observation,
                 forward: self.settings.stores_forward.then_some(forward),
                 reset: Some(reset),
+                fate: Some(Fate::of(outcome)),
             };
             experience.push(&transition, masks);
+            self.since_reset.note(self.turn, experience.next_number() - 1, outcome);
         }
         self.previous.copy_from_slice(&self.action);
         self.has_previous = true;
@@ -85,7 +90,8 @@ impl ResetCycle {
     fn learn(&mut self) -> Result<()> {
         let CycleSettings { updates, updates_per_step, .. } = self.settings;
         let learns = |role| self.turn == role || updates == Updates::Both;
-        let CycleParts { forward, reset, memory: Some(Memory { experience, .. }), .. } = &mut self.parts
+        let CycleParts { forward, reset, success, memory: Some(Memory { experience, .. }), .. } =
+            &mut self.parts
         else {
             return Ok(());
         };
@@ -94,6 +100,9 @@ impl ResetCycle {
         }
         if let Some(reset) = reset.as_mut().filter(|_| learns(AgentRole::Reset)) {
             reset.learn(experience, updates_per_step)?;
+        }
+        if let (Some(success), Some(reset)) = (success, reset) {
+            success.learn(experience, reset.learner(), updates_per_step)?;
         }
         Ok(())
     }
@@ -108,6 +117,7 @@ impl ResetCycle {
             next_observation: &self.observation,
             forward: Some(AgentShare { reward, continues: false }),
             reset: None,
+            fate: None,
         };
         experience.push(&transition, masks);
     }

@@ -1,10 +1,11 @@
 //! What can be asked of a cycle.
 
-use shield_api::{Learner, metrics::Metrics};
+use shield_api::{Learner, SuccessCritic, metrics::Metrics};
 
 use super::{CycleParts, HardResetDue, ResetCycle};
 use crate::{
     agent::{Agent, ForwardAgent},
+    critic::Critic,
     events::Counters,
     experience::AgentRole,
     shield::Ladder,
@@ -25,6 +26,31 @@ pub struct Deliberation<'a> {
     pub action: &'a [f32],
     /// What decided; `None` in all modes but `Shielded`.
     pub ladder: Option<&'a Ladder>,
+}
+
+/// Who is evaluated, and what decides in training.
+#[derive(Default)]
+pub struct Evaluated<'a> {
+    /// Does the task.
+    pub forward: Option<&'a mut ForwardAgent>,
+    /// Undoes it.
+    pub reset: Option<&'a mut (dyn Learner + 'a)>,
+    /// Estimates how likely that succeeds.
+    pub success: Option<&'a mut (dyn SuccessCritic + 'a)>,
+    /// Its rules have adapted to what happened.
+    pub ladder: Option<&'a mut Ladder>,
+}
+
+impl CycleParts {
+    /// Both agents, the success critic and what decides, to be evaluated.
+    pub fn agents(&mut self) -> Evaluated<'_> {
+        Evaluated {
+            forward: self.forward.as_mut(),
+            reset: self.reset.as_mut().map(Agent::learner),
+            success: self.success.as_mut().map(Critic::critic),
+            ladder: self.ladder.as_mut(),
+        }
+    }
 }
 
 impl ResetCycle {
@@ -92,9 +118,9 @@ impl ResetCycle {
         (deliberation, reset.as_mut().map(Agent::learner))
     }
 
-    /// Both agents.
-    pub fn agents(&mut self) -> (Option<&mut ForwardAgent>, Option<&mut dyn Learner>) {
-        (self.parts.forward.as_mut(), self.parts.reset.as_mut().map(Agent::learner))
+    /// Both agents, the success critic and what decides, to be evaluated.
+    pub fn agents(&mut self) -> Evaluated<'_> {
+        self.parts.agents()
     }
 
     /// Who takes part.

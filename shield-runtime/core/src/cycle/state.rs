@@ -3,11 +3,12 @@
 use serde::{Deserialize, Serialize};
 use shield_api::{AbortRule, Error, Result};
 
-use super::{CycleParts, ResetCycle};
+use super::{CycleParts, ResetCycle, undoing::SinceReset};
 use crate::{
     agent::{Agent, AgentState, ForwardAgent},
+    critic::{Critic, CriticState},
     events::{Counters, Tally},
-    experience::AgentRole,
+    experience::{AgentRole, UndoMemoryState},
     plugin_state::PluginState,
     shield::Ladder,
 };
@@ -31,6 +32,26 @@ pub struct LearnedState {
     pub reset: Option<AgentState>,
     /// One for each rule.
     pub rules: Vec<PluginState>,
+}
+
+/// What belongs to undo probabilities. A state of version 1.0 has none.
+#[derive(Default, Serialize, Deserialize)]
+pub struct UndoState {
+    /// The success critic's.
+    pub critic: Option<CriticState>,
+    memory: Option<UndoMemoryState>,
+    since_reset: SinceReset,
+    start_probabilities: Option<Vec<f32>>,
+}
+
+impl UndoState {
+    /// Reads it as the last field of a state; one that was written before there was any ends before it.
+    ///
+    /// # Errors
+    /// None: what cannot be read is taken for missing. A checksum guards what is there.
+    pub fn or_none<'de, D: serde::Deserializer<'de>>(reader: D) -> Result<Self, D::Error> {
+        Ok(Self::deserialize(reader).unwrap_or_default())
+    }
 }
 
 impl CycleState {
@@ -104,6 +125,48 @@ impl ResetCycle {
     /// Who takes part, to be saved or restored.
     pub fn parts_mut(&mut self) -> &mut CycleParts {
         &mut self.parts
+    }
+}
+
+impl CycleParts {
+    /// Gives the success critic and the experience what they had learned.
+    ///
+    /// # Errors
+    /// The plugin refuses its state, or it is that of other spaces.
+    pub fn restore_undo(&mut self, state: &UndoState) -> Result<()> {
+        if let (Some(success), Some(state)) = (&mut self.success, &state.critic) {
+            of_plugin("shield.success_critic", success.restore(state))?;
+        }
+        match (&mut self.memory, &state.memory) {
+            (Some(memory), Some(state)) => memory.experience.restore_undo(state),
+            _ => Ok(()),
+        }
+    }
+}
+
+impl ResetCycle {
+    /// What belongs to undo probabilities.
+    ///
+    /// # Errors
+    /// The success critic fails to save its state.
+    pub fn save_undo(&self) -> Result<UndoState> {
+        let CycleParts { success, memory, ladder, .. } = &self.parts;
+        Ok(UndoState {
+            critic: success.as_ref().map(Critic::save).transpose()?,
+            memory: memory.as_ref().and_then(|memory| memory.experience.save_undo()),
+            since_reset: self.since_reset,
+            start_probabilities: ladder
+                .as_ref()
+                .and_then(|ladder| ladder.start_probabilities().map(<[f32]>::to_vec)),
+        })
+    }
+
+    /// Goes on within the episode in which `state` was saved; what was learned is [restored](CycleParts::restore_undo) apart.
+    pub fn go_on_undoing(&mut self, state: &UndoState) {
+        self.since_reset = state.since_reset;
+        if let Some(ladder) = &mut self.parts.ladder {
+            ladder.go_on_from(state.start_probabilities.as_deref());
+        }
     }
 }
 

@@ -4,11 +4,12 @@ use std::time::Duration;
 
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
-use shield_api::{AbortRule, Error, Learner, ResetTask, Result, Spaces};
+use shield_api::{AbortRule, Error, Learner, ResetTask, Result, Spaces, SuccessCritic};
 
 use super::DropIn;
 use crate::{
     agent::Agent,
+    critic::Critic,
     cycle::{CycleParts, CycleSettings, Memory, ResetCycle},
     experience::{AgentRole, Experience},
     settings::{Endings, ProjectionConfig, Updates},
@@ -45,6 +46,7 @@ impl Learning {
 pub struct DropInBuilder {
     spaces: Spaces,
     reset_agent: Box<dyn Learner>,
+    success_critic: Option<Box<dyn SuccessCritic>>,
     reset_task: Option<Box<dyn ResetTask>>,
     rules: Vec<RuleTree>,
     projection: Option<ProjectionConfig>,
@@ -60,6 +62,7 @@ impl DropInBuilder {
         Self {
             spaces,
             reset_agent,
+            success_critic: None,
             reset_task: None,
             rules: Vec::new(),
             projection: None,
@@ -75,6 +78,14 @@ impl DropInBuilder {
     #[must_use]
     pub fn reset_task(mut self, task: Box<dyn ResetTask>) -> Self {
         self.reset_task = Some(task);
+        self
+    }
+
+    /// Estimates how likely an action can be undone, for rules that need it. It learns if the reset agent [does](Self::learning), from an
+    /// experience [with what it needs](Experience::with_undo).
+    #[must_use]
+    pub fn success_critic(mut self, critic: Box<dyn SuccessCritic>) -> Self {
+        self.success_critic = Some(critic);
         self
     }
 
@@ -167,6 +178,13 @@ impl DropInBuilder {
         let warm_up_steps = self.warm_up_steps;
         let ladder_settings = LadderSettings { spaces: spaces.clone(), warm_up_steps, fallback_action };
         let mut ladder = Ladder::new(RuleTree::All(self.rules), &*reset_agent, ladder_settings)?;
+        match &self.success_critic {
+            Some(critic) => ladder = ladder.with_success_critic(critic.info()),
+            None if ladder.needs().undo_probabilities() => {
+                return Err(Error::invalid_config("a rule needs undo probabilities: name a success critic"));
+            }
+            None => {}
+        }
         if let Some(projection) = self.projection {
             ladder = ladder.with_projection(projection)?;
         }
@@ -185,7 +203,9 @@ impl DropInBuilder {
         let lengths = [spaces.observation_len(), spaces.action_len()];
         let sampler = Pcg64::seed_from_u64(seed);
         let reset = Agent::new(AgentRole::Reset, reset_agent, batch, &spaces, sampler);
-        let parts = CycleParts { forward: None, reset: Some(reset), ladder: Some(ladder), memory };
+        let sampler = Pcg64::seed_from_u64(seed.wrapping_add(2));
+        let success = self.success_critic.map(|critic| Critic::new(critic, batch, &spaces, sampler));
+        let parts = CycleParts { forward: None, reset: Some(reset), success, ladder: Some(ladder), memory };
         DropIn::new(ResetCycle::new(settings, parts, lengths), self.reset_task)
     }
 }

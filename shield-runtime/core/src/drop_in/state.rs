@@ -10,7 +10,7 @@ use shield_api::Result;
 use super::DropIn;
 use crate::{
     agent::AgentState,
-    cycle::{HardResetDue, LearnedState, Memory},
+    cycle::{HardResetDue, LearnedState, Memory, UndoState},
     events::Counters,
     plugin_state::PluginState,
 };
@@ -42,6 +42,8 @@ pub struct DropInState {
     shield: ShieldState,
     task: Option<PluginState>,
     learned: Option<MemoryState>,
+    #[serde(deserialize_with = "UndoState::or_none")]
+    undo: UndoState,
 }
 
 /// The reset agent, the rules, and counts of theirs.
@@ -78,6 +80,7 @@ impl DropIn {
     pub fn state(&mut self) -> Result<DropInState> {
         let task = self.task.as_ref().map(|task| PluginState::of(&**task)).transpose()?;
         let (counters, reset_successes) = (*self.cycle.counters(), self.cycle.reset_successes());
+        let undo = self.cycle.save_undo()?;
         let LearnedState { reset, rules, .. } = self.cycle.parts_mut().save()?;
         let learned = self.cycle.parts().memory.as_ref().map(|Memory { experience, masks }| {
             let mut rows = Vec::new();
@@ -104,6 +107,7 @@ impl DropIn {
             },
             task,
             learned,
+            undo,
         })
     }
 
@@ -158,6 +162,7 @@ impl DropIn {
         let ShieldState { agent, rules, exploration_replaced, .. } = state.shield;
         let parts = self.cycle.parts_mut();
         parts.restore(&LearnedState { forward: None, reset: Some(agent), rules })?;
+        parts.restore_undo(&state.undo)?;
         if let (Some(memory), Some(learned)) = (&mut parts.memory, state.learned) {
             memory.experience.replace(learned.kept, &learned.rows);
             memory.masks = learned.masks;

@@ -16,6 +16,7 @@ fn push(experience: &mut Experience, value: f32, rng: &mut Pcg64) {
             next_observation: &[value + 1.0, 0.0],
             forward: Some(AgentShare { reward: value, continues: true }),
             reset: Some(AgentShare { reward: -value, continues: value != 3.0 }),
+            fate: Some(Fate::GoesOn),
         },
         rng,
     );

@@ -216,12 +216,12 @@ impl Ladder {
         self.jury.go_on_from(start_probabilities);
     }
 
-    /// Tells every rule how an attempt ended.
-    ///
-    /// # Errors
-    /// A rule failed.
-    pub fn observe_attempt(&mut self, attempt: &ObservedAttempt) -> shield_api::Result<()> {
-        self.jury.observe_attempt(attempt)
+    /// Tells every rule how an attempt ended. If one fails, nothing is decided any more.
+    pub fn observe_attempt(&mut self, attempt: &ObservedAttempt) {
+        if let Err(error) = self.jury.observe_attempt(attempt) {
+            self.why.failed(Cause::RuleFailed, &error);
+            self.why.is_final = true;
+        }
     }
 
     /// The rules in the order of the experiment, to keep their states.

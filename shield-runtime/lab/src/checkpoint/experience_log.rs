@@ -211,6 +211,7 @@ mod tests {
                 next_observation: &[value + 1.0],
                 forward: share,
                 reset: share,
+                fate: None,
             };
             experience.push(&transition, &mut rng);
         }

@@ -28,7 +28,8 @@ impl Participants {
     /// # Errors
     /// A plugin refuses its state.
     pub fn restore_agents(&mut self, state: &LoopState) -> shield_api::Result<()> {
-        self.agents.restore(&state.learned)
+        self.agents.restore(&state.learned)?;
+        self.agents.restore_undo(&state.undo)
     }
 
     /// Gives everyone the state of a run. Those who refused must not be used any more.
@@ -36,10 +37,15 @@ impl Participants {
     /// # Errors
     /// A plugin refuses its state, or the state is of another run.
     pub fn restore(&mut self, state: &LoopState) -> shield_api::Result<()> {
-        let CycleParts { forward, reset, .. } = &self.agents;
+        let CycleParts { forward, reset, success, .. } = &self.agents;
         let LearnedState { forward: saved_forward, reset: saved_reset, .. } = &state.learned;
-        let is_complete = (forward.is_some(), reset.is_some(), self.evaluator.is_some())
-            == (saved_forward.is_some(), saved_reset.is_some(), state.evaluator.is_some());
+        let is_complete = [forward.is_some(), reset.is_some(), success.is_some(), self.evaluator.is_some()]
+            == [
+                saved_forward.is_some(),
+                saved_reset.is_some(),
+                state.undo.critic.is_some(),
+                state.evaluator.is_some(),
+            ];
         if !is_complete {
             return Err(Error::invalid_argument("it is the state of a run with other agents"));
         }
@@ -69,6 +75,7 @@ impl JointLoop<'_> {
         self.last_evaluation = state.last_evaluation;
         self.last_checkpoint = Some(state.counters.steps);
         self.cycle.go_on(&state.cycle);
+        self.cycle.go_on_undoing(&state.undo);
         self.start = if state.is_finished {
             Start::Finished
         } else if state.unsaved().is_empty() {
@@ -96,7 +103,7 @@ impl JointLoop<'_> {
     pub(super) fn keep(&mut self, occasion: Occasion) -> anyhow::Result<()> {
         self.last_checkpoint = Some(self.counters().steps);
         let learned = self.cycle.parts_mut().save()?;
-        let cycle = self.cycle.save();
+        let (cycle, undo) = (self.cycle.save(), self.cycle.save_undo()?);
         let Some(Memory { experience, masks }) = &self.cycle.parts().memory else { return Ok(()) };
         let randomness = LoopRandomness { resets: self.resets.clone(), masks: masks.clone() };
         let state = LoopState {
@@ -109,6 +116,7 @@ impl JointLoop<'_> {
             learned,
             evaluator: self.evaluator.as_mut().map(Evaluator::save).transpose()?,
             metrics: self.cycle.metrics().save(),
+            undo,
         };
         self.observer.on_checkpoint(&Snapshot { occasion, state: &state, experience })
     }

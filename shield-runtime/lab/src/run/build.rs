@@ -19,8 +19,9 @@ use shield_config::{
 };
 use shield_core::{
     agent::{Agent, ForwardAgent},
-    cycle::{CycleParts, CycleSettings, Memory},
-    experience::{AgentRole, Experience},
+    critic::Critic,
+    cycle::{CycleParts, CycleSettings},
+    experience::AgentRole,
     shield::Ladder,
     world::{RestartFlag, World},
 };
@@ -62,7 +63,9 @@ pub(super) fn replay_ladder(registry: &Registry, variant: &Variant) -> Result<La
     let spaces =
         builder.world([Stream::Environment, Stream::ResetTask], 0, plugin::host())?.spec().spaces.clone();
     let reset = builder.reset(&spaces)?;
-    builder.ladder(&*reset, &spaces, Stream::Rules)
+    let shield = &bare.experiment.shield;
+    let success = builder.workshop.success_critic(shield, 0, &spaces)?;
+    builder.ladder(&*reset, success.as_ref(), &spaces, Stream::Rules)
 }
 
 struct Builder<'a> {
@@ -96,30 +99,38 @@ impl<'a> Builder<'a> {
             Mode::Shielded | Mode::ResetOnly { .. } => Some(self.reset(&spaces)?),
             Mode::StatusQuo | Mode::ForwardOnly => None,
         };
+        let config = &experiment.experience;
+        let success = match mode {
+            Mode::Shielded => self.workshop.success_critic(&experiment.shield, config.batch, &spaces)?,
+            _ => None,
+        };
         let ladder = match (mode, &reset) {
-            (Mode::Shielded, Some(reset)) => Some(self.ladder(&**reset, &spaces, Stream::Rules)?),
+            (Mode::Shielded, Some(reset)) => {
+                Some(self.ladder(&**reset, success.as_ref(), &spaces, Stream::Rules)?)
+            }
             _ => None,
         };
         let evaluator = match &experiment.evaluation {
             None => None,
-            Some(evaluation) => Some(self.evaluator(evaluation, reset.as_deref(), &spaces)?),
+            Some(evaluation) => {
+                Some(self.evaluator(evaluation, reset.as_deref(), success.as_ref(), &spaces)?)
+            }
         };
         if let Mode::ResetOnly { start: Some(start) } = mode {
             self.check_start("mode", start, &world)?;
         }
-        let config = &experiment.experience;
         let members = [
             forward.as_ref().map_or(0, ForwardAgent::members),
             reset.as_ref().map_or(0, |reset| reset.info().members),
         ];
         let sampler = self.workshop.generator(Stream::ResetBatches);
-        let experience = Experience::new(config.capacity, &spaces, members, config.bootstrap_probability)
-            .map_err(|error| self.workshop.refused("experience.capacity", &error))?;
+        let memory = self.workshop.memory(config, members, success.as_ref(), &spaces)?;
         let agents = CycleParts {
             forward,
             reset: reset.map(|reset| Agent::new(AgentRole::Reset, reset, config.batch, &spaces, sampler)),
+            success,
             ladder,
-            memory: Some(Memory { experience, masks: self.workshop.generator(Stream::Masks) }),
+            memory: Some(memory),
         };
         let participants = Participants { world, agents, evaluator };
         let resets = self.workshop.generator(Stream::HardResets);
@@ -200,14 +211,21 @@ impl<'a> Builder<'a> {
         self.workshop.learner("reset", choice, &self.workshop.setup(Stream::Reset, spaces))
     }
 
-    fn ladder(&self, reset: &dyn Learner, spaces: &Spaces, stream: Stream) -> Result<Ladder, InputError> {
-        self.workshop.ladder(&self.experiment.shield, reset, spaces, stream)
+    fn ladder(
+        &self,
+        reset: &dyn Learner,
+        success: Option<&Critic>,
+        spaces: &Spaces,
+        stream: Stream,
+    ) -> Result<Ladder, InputError> {
+        self.workshop.ladder(&self.experiment.shield, reset, success, spaces, stream)
     }
 
     fn evaluator(
         &self,
         config: &EvaluationConfig,
         reset: Option<&dyn Learner>,
+        success: Option<&Critic>,
         spaces: &Spaces,
     ) -> Result<Evaluator, InputError> {
         // Rules follow one episode at a time; an isolated environment costs a process each.
@@ -225,7 +243,9 @@ impl<'a> Builder<'a> {
         let batch = Lanes::new(worlds, self.experiment.threads)
             .map_err(|error| self.workshop.refused("threads", &error))?;
         let ladder = match reset {
-            Some(reset) if config.shielded => Some(self.ladder(reset, spaces, Stream::EvaluationRules)?),
+            Some(reset) if config.shielded => {
+                Some(self.ladder(reset, success, spaces, Stream::EvaluationRules)?)
+            }
             _ => None,
         };
         // Where only the reset agent exists, it is the one to be evaluated.

@@ -57,9 +57,7 @@ impl DropInConfig {
     /// Every plugin that is named: the path of its field, its kind, and the choice.
     pub fn plugins(&self) -> Vec<(String, Kind, &PluginChoice)> {
         let mut found = vec![("reset".to_owned(), Kind::Learner, &self.reset)];
-        let mut rules = Vec::new();
-        RuleConfig::collect(&self.shield.rules, "shield.rules", &mut rules);
-        found.extend(rules.into_iter().map(|(path, choice)| (path, Kind::AbortRule, choice)));
+        found.extend(self.shield.plugins());
         found.extend(self.reset_task.iter().map(|choice| ("reset_task".into(), Kind::ResetTask, choice)));
         found
     }

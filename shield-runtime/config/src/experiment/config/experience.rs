@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{Endings, OnResetFailure, OnResetSuccess, Updates};
+use shield_core::experience::UndoSettings;
 
 /// The experience and what is learned from it.
 #[derive(Debug, Clone, Deserialize, Serialize)]
@@ -22,6 +23,10 @@ pub struct ExperienceConfig {
     pub on_reset_success: OnResetSuccess,
     /// Whether a failed reset episode ends it.
     pub on_reset_failure: OnResetFailure,
+    /// The share of a success critic's batch that is drawn around the starts of failed attempts, so that rare failures are not diluted.
+    pub failure_share: f64,
+    /// The share that is drawn from the last steps of successful attempts.
+    pub success_share: f64,
     /// How much of a hard reset's cost the reset agent loses in the reward of the step before it.
     pub cost_weight: f32,
 }
@@ -36,12 +41,20 @@ impl Default for ExperienceConfig {
             bootstrap_probability: 1.0,
             on_reset_success: OnResetSuccess::default(),
             on_reset_failure: OnResetFailure::default(),
+            failure_share: 0.25,
+            success_share: 0.125,
             cost_weight: 0.0,
         }
     }
 }
 
 impl ExperienceConfig {
+    /// How batches are drawn for a success critic of so many members.
+    pub fn undo(&self, members: usize) -> UndoSettings {
+        let Self { bootstrap_probability, failure_share, success_share, .. } = *self;
+        UndoSettings { members, bootstrap_probability, failure_share, success_share }
+    }
+
     /// The two endings of the reset agent's task.
     pub fn endings(&self) -> Endings {
         Endings { on_success: self.on_reset_success, on_failure: self.on_reset_failure }

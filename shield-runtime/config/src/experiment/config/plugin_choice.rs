@@ -26,6 +26,12 @@ pub struct PluginChoice {
 }
 
 impl PluginChoice {
+    /// A plugin with its defaults.
+    pub(in crate::experiment) fn of(id: &str) -> Self {
+        let (path, config, worker) = (None, RonText::default(), WorkerConfig::default());
+        Self { plugin: id.to_owned(), path, config, isolate: false, worker }
+    }
+
     /// What it names, whatever the experiment pins.
     pub fn selection(&self) -> Selection {
         Selection { path: self.path.clone(), ..Selection::new(&self.plugin) }

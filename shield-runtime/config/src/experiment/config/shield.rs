@@ -1,9 +1,14 @@
 //! The shield: what is tried with a rejected action, and what follows its decisions.
 
+use std::sync::LazyLock;
+
 use serde::{Deserialize, Serialize};
 
-use super::{BetweenAttempts, ExperienceConfig, OnAbort, ProjectionConfig, ResetTest, RuleConfig};
+use super::{
+    BetweenAttempts, ExperienceConfig, OnAbort, PluginChoice, ProjectionConfig, ResetTest, RuleConfig,
+};
 use shield_core::cycle::CycleSettings;
+use shield_host::plugin::Kind;
 
 /// The shield, and what follows its decisions.
 #[derive(Debug, Clone, Deserialize, Serialize)]
@@ -11,6 +16,8 @@ use shield_core::cycle::CycleSettings;
 pub struct ShieldConfig {
     /// An action is executed only if every rule allows it.
     pub rules: Vec<RuleConfig>,
+    /// Estimates how likely an action can be undone. `None`: `success-critic` where `undo-probability` is among the rules, else none.
+    pub success_critic: Option<PluginChoice>,
     /// What is tried with a rejected action before it is aborted. `None`: nothing, as in the paper.
     pub projection: Option<ProjectionConfig>,
     /// A decision that takes longer, in microseconds of a monotonic clock, is an abort. It makes a run non-deterministic.
@@ -37,7 +44,8 @@ pub struct ShieldConfig {
 impl Default for ShieldConfig {
     fn default() -> Self {
         Self {
-            rules: Vec::new(),
+            rules: vec![RuleConfig::Rule(PluginChoice::of(UNDO_PROBABILITY))],
+            success_critic: None,
             projection: None,
             deadline_us: None,
             reset_attempts: ResetAttempts::After(1),
@@ -49,6 +57,30 @@ impl Default for ShieldConfig {
             on_abort: OnAbort::default(),
             fallback_action: None,
         }
+    }
+}
+
+/// The rule that an experiment has which names none.
+const UNDO_PROBABILITY: &str = "undo-probability";
+
+static USUAL_CRITIC: LazyLock<PluginChoice> = LazyLock::new(|| PluginChoice::of("success-critic"));
+
+impl ShieldConfig {
+    /// The success critic, if there is one.
+    pub fn critic(&self) -> Option<&PluginChoice> {
+        let mut rules = Vec::new();
+        RuleConfig::collect(&self.rules, "", &mut rules);
+        let is_usual = || rules.iter().any(|(_, rule)| rule.plugin == UNDO_PROBABILITY);
+        self.success_critic.as_ref().or_else(|| is_usual().then(|| &*USUAL_CRITIC))
+    }
+
+    /// The rules and the success critic: the path of each field, its kind, and the choice.
+    pub(in crate::experiment) fn plugins(&self) -> impl Iterator<Item = (String, Kind, &PluginChoice)> {
+        let mut rules = Vec::new();
+        RuleConfig::collect(&self.rules, "shield.rules", &mut rules);
+        let critic =
+            self.critic().map(|choice| ("shield.success_critic".into(), Kind::SuccessCritic, choice));
+        rules.into_iter().map(|(path, choice)| (path, Kind::AbortRule, choice)).chain(critic)
     }
 }
 

@@ -1,0 +1,122 @@
+//! What belongs to undo probabilities: how attempts ended, what was expected of them, and aborts with nothing to undo.
+
+use serde::{Deserialize, Serialize};
+use shield_api::{ActMode, ObservedAttempt, StepOutcome};
+
+use super::{CycleParts, Memory, ResetCycle};
+use crate::{
+    decision::Cause,
+    events::{EpisodeEnd, EpisodeEvent, Tally},
+    experience::{AgentRole, Attempt},
+};
+
+/// Aborts with nothing to undo in a row, after which the reset agent takes over all the same: no step is made meanwhile.
+const MOST_IDLE_ABORTS: u32 = 10;
+
+/// What happened since the reset set was last reached.
+#[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
+pub(super) struct SinceReset {
+    /// Something may have to be undone.
+    pub has_moved: bool,
+    /// An abort had nothing to undo, and nothing was decided since.
+    pub stays: bool,
+    /// Such aborts in a row.
+    idle_aborts: u32,
+    /// The number of the last forward step, if nothing was executed after it.
+    before: Option<u64>,
+    /// The number of this attempt's first step into the reset set.
+    reached: Option<u64>,
+    /// What the success critic expected at the start of this attempt.
+    pub predicted: Option<f32>,
+}
+
+impl SinceReset {
+    /// Notes the step of this number.
+    pub fn note(&mut self, turn: AgentRole, number: u64, outcome: &StepOutcome) {
+        self.idle_aborts = 0;
+        match turn {
+            AgentRole::Forward => self.before = Some(number),
+            AgentRole::Reset if outcome.in_reset_set && !outcome.terminated => {
+                self.reached.get_or_insert(number);
+            }
+            AgentRole::Reset => {}
+        }
+    }
+}
+
+impl ResetCycle {
+    /// Whether an abort now would have nothing to undo: no action was executed since the reset set was reached. Only rules that measure
+    /// against that state make a difference of it.
+    pub fn has_nothing_to_undo(&self) -> bool {
+        let SinceReset { has_moved, idle_aborts, .. } = self.since_reset;
+        let measures = self.parts.ladder.as_ref().is_some_and(|ladder| ladder.needs().undo_probabilities());
+        measures && !has_moved && idle_aborts < MOST_IDLE_ABORTS && self.turn == AgentRole::Forward
+    }
+
+    /// Ends a forward episode by an abort that has nothing to undo: it costs neither an attempt nor a hard reset, and the forward agent
+    /// proposes again. To the rules it is an attempt that succeeded, so that one that rejects everything at the start gives way in time.
+    pub(super) fn stay(&mut self, cause: Cause) -> EpisodeEvent {
+        self.since_reset.stays = true;
+        self.since_reset.idle_aborts += 1;
+        if !cause.is_failure() {
+            self.tell_rules(true);
+        }
+        let tally = self.episode.take().unwrap_or_default();
+        EpisodeEvent::of_forward(&tally, EpisodeEnd::Abort)
+    }
+
+    /// The next decision is measured against its own state.
+    pub(super) fn begin_to_measure(&mut self) {
+        if let Some(ladder) = &mut self.parts.ladder {
+            ladder.begin_cycle();
+        }
+    }
+
+    fn tell_rules(&mut self, succeeded: bool) {
+        let Some(ladder) = &mut self.parts.ladder else { return };
+        let attempt = ObservedAttempt { step: self.counters.steps, succeeded };
+        self.metrics.collect(|| ladder.observe_attempt(&attempt));
+    }
+
+    /// Notes the outcome of the episode that ends, if it has one: an attempt that was not cut short, or a forward episode in which the
+    /// environment ended, which is an attempt that failed before its first step.
+    pub(super) fn note_outcome(&mut self, tally: &Tally, end: EpisodeEnd, has_reset: bool) {
+        let length = match self.turn {
+            AgentRole::Reset if !end.is_cut() && end != EpisodeEnd::WorkerLost => tally.length,
+            AgentRole::Forward if end == EpisodeEnd::Terminated => 0,
+            _ => return,
+        };
+        if let Some(Memory { experience, .. }) = &mut self.parts.memory {
+            let end_number = experience.next_number();
+            experience.note_attempt(Attempt {
+                before: self.since_reset.before,
+                first: end_number - length,
+                end: end_number,
+                reached: self.since_reset.reached,
+                succeeded: has_reset,
+                terminated: end == EpisodeEnd::Terminated,
+            });
+        }
+        (self.since_reset.before, self.since_reset.reached) = (None, None);
+        self.tell_rules(has_reset);
+        if has_reset {
+            self.begin_to_measure();
+        }
+    }
+
+    /// At the start of an attempt: what the success critic expects of it. Nothing depends on it but reports.
+    pub(super) fn predict(&mut self, observation: &[f32]) {
+        let CycleParts { reset, success, .. } = &mut self.parts;
+        let (Some(reset), Some(success), Some(Tally { length: 0, .. })) = (reset, success, &self.episode)
+        else {
+            return;
+        };
+        self.values.resize(success.info().members, 0.0);
+        let expected = reset
+            .learner()
+            .act(observation, ActMode::Greedy, &mut self.action)
+            .and_then(|()| success.critic().probabilities(observation, &self.action, &mut self.values));
+        let mean = self.values.iter().sum::<f32>() / self.values.len() as f32;
+        self.since_reset.predicted = expected.is_ok().then_some(mean);
+    }
+}
