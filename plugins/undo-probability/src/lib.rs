@@ -31,6 +31,7 @@ shield_api::config! {
         adaptation_rate: f32 = 0.05,
         /// The threshold before the first attempt; without adaptation, for ever.
         initial_threshold: f32 = 0.5,
+        floor: f32 = 0.0,
         /// The threshold is a share of the undo probability at the start of the reset cycle; else it is a probability itself.
         relative: bool = true,
     }
