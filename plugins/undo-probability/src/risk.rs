@@ -39,6 +39,7 @@ pub struct Adaptation {
     /// η.
     rate: f64,
     floor: f64,
+    initial: f64,
 }
 
 impl Adaptation {
@@ -60,7 +61,7 @@ impl Adaptation {
             return Err(Error::invalid_config(message).in_field("adaptation_rate"));
         }
         let accepted = accepted(accepted_risk, hard_resets_per_1000)?;
-        Ok(adapt.then_some(Self { accepted, rate: f64::from(adaptation_rate), floor: f64::from(config.floor) }))
+        Ok(adapt.then_some(Self { accepted, rate: f64::from(adaptation_rate), floor: f64::from(config.floor), initial: f64::from(config.initial_threshold) }))
     }
 }
 
@@ -118,9 +119,9 @@ impl History {
     pub fn record(&mut self, attempt: &ObservedAttempt, adaptation: Option<&Adaptation>) {
         let failed = u8::from(!attempt.succeeded);
         let steps = attempt.step.saturating_sub(self.last_step.unwrap_or(attempt.step));
-        if let Some(Adaptation { accepted, rate, floor }) = adaptation {
+        if let Some(Adaptation { accepted, rate, floor, initial }) = adaptation {
             let moved = self.threshold + rate * (f64::from(failed) - accepted.share(steps));
-            self.threshold = moved.clamp(*floor, 1.0);
+            self.threshold = moved.clamp(if failed > 0 { *initial } else { *floor }, 1.0);
         }
         self.last_step = Some(attempt.step);
         self.attempts += 1;
