@@ -18,20 +18,19 @@ use crate::{
 shield_api::config! {
     /// Settings of the rule.
     pub struct Config {
-        /// The share of attempts to reset that may fail, between 0 and 1. None: 0.2, unless hard_resets_per_1000 is set.
+        /// The share of attempts to reset that may fail, between 0 and 1. None: 0.05, unless hard_resets_per_1000 is set.
         accepted_risk: Option<f32> = None,
         /// Instead of a share, a budget: how many attempts may fail per 1,000 environment steps. Each of them costs a hard reset.
         hard_resets_per_1000: Option<f32> = None,
         /// How the members' probabilities become one: Optimistic (the largest), Realist (the mean), Pessimistic (the smallest),
         /// Quantile(q) (0 is the smallest, 1 the largest) or KOfN(k) (so many members must agree).
-        combine: Combine = Combine::Realist => "Realist",
+        combine: Combine = Combine::Pessimistic => "Pessimistic",
         /// The threshold follows the outcomes of attempts, so that the accepted risk is kept (Gibbs and Candès 2021).
         adapt: bool = true,
         /// η: how far one outcome moves the threshold.
         adaptation_rate: f32 = 0.05,
-        /// The threshold before the first attempt; without adaptation, for ever.
-        initial_threshold: f32 = 0.5,
-        floor: f32 = 0.0,
+        /// The threshold before the first attempt, and the least after one that failed; without adaptation, for ever.
+        initial_threshold: f32 = 0.9,
         /// The threshold is a share of the undo probability at the start of the reset cycle; else it is a probability itself.
         relative: bool = true,
     }
