@@ -30,11 +30,14 @@ shield_api::config! {
         /// η: how far one outcome moves the threshold.
         adaptation_rate: f32 = 0.05,
         /// The threshold before the first attempt, and the least after one that failed; without adaptation, for ever.
-        initial_threshold: f32 = 0.9,
+        initial_threshold: f32 = 0.8,
         /// The threshold is a share of the undo probability at the start of the reset cycle; else it is a probability itself.
         relative: bool = true,
     }
 }
+
+/// A loss of probability that is never worth an abort. Where the way back is out of reach anyhow, less than that is at stake.
+const NEGLIGIBLE: f64 = 0.05;
 
 /// The rule, with what became of the attempts so far.
 #[derive(Debug)]
@@ -95,13 +98,12 @@ impl UndoProbability {
     /// The least undo probability at which an action is executed.
     fn required(&self, context: &RuleContext<'_>) -> Result<f32> {
         let (start, members) = (context.start_probabilities, context.probabilities.len());
-        let measure = if self.is_relative {
-            require_probabilities("start_probabilities", start, members)?;
-            f64::from(self.combine.value(start)?)
-        } else {
-            1.0
-        };
-        Ok((self.threshold() * measure) as f32)
+        if !self.is_relative {
+            return Ok(self.threshold() as f32);
+        }
+        require_probabilities("start_probabilities", start, members)?;
+        let start = f64::from(self.combine.value(start)?);
+        Ok((self.threshold() * start).min(start - NEGLIGIBLE) as f32)
     }
 
     /// Whether the reset agent, taking over now, would be no safer than it is after the proposed action.

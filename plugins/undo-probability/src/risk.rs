@@ -116,14 +116,14 @@ impl History {
         self.last_step.get_or_insert(step);
     }
 
-    /// Takes note of an attempt: θ ← θ + η (failed − accepted), at least 0, and after a failure at least θ₀; at most halfway from θ₀ to 1.
+    /// Takes note of an attempt: θ ← θ + η (failed − accepted), at least 0, at most 1, and after a failure at least θ₀.
     pub fn record(&mut self, attempt: &ObservedAttempt, adaptation: Option<&Adaptation>) {
         let failed = u8::from(!attempt.succeeded);
         let steps = attempt.step.saturating_sub(self.last_step.unwrap_or(attempt.step));
         if let Some(Adaptation { accepted, rate, initial }) = adaptation {
             let moved = self.threshold + rate * (f64::from(failed) - accepted.share(steps));
             let least = if attempt.succeeded { 0.0 } else { *initial };
-            self.threshold = moved.clamp(least, 0.5 * (1.0 + initial));
+            self.threshold = moved.clamp(least, 1.0);
         }
         self.last_step = Some(attempt.step);
         self.attempts += 1;
