@@ -26,6 +26,7 @@ PLUGINS = [
     "td3",
     "ddqn",
     "tabular-q",
+    "undo-probability",
     "ensemble-threshold",
     "uncertainty",
     "linear-constraints",

@@ -53,8 +53,16 @@ pub fn rows(
 
 /// Two members and one dimension: gradients that are too few or not finite are refused.
 pub fn assert_gradients_are_checked(rule: &impl AbortRule) {
+    let probabilities = &[0.8, 0.9];
+    let context = RuleContext {
+        probabilities,
+        greedy_probabilities: probabilities,
+        start_probabilities: probabilities,
+        ..context(&[8.0, 9.0], &[0.0])
+    };
+    assert!(rows(rule, &context, &[1.0, 1.0]).is_ok());
     for gradients in [&[1.0][..], &[1.0, f32::NAN], &[]] {
-        assert!(rows(rule, &context(&[8.0, 9.0], &[0.0]), gradients).is_err(), "{gradients:?}");
+        assert!(rows(rule, &context, gradients).is_err(), "{gradients:?}");
     }
 }
 

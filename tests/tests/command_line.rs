@@ -418,6 +418,7 @@ fn the_list_of_plugins_names_them() {
         "calibrated-start",
         "success-critic",
         "tabular-success",
+        "undo-probability",
         "ensemble-threshold",
     ] {
         assert!(printed.contains(part), "{part} is missing in: {printed}");

@@ -64,6 +64,19 @@ fn a_rule_or_task_points_at_the_value_that_it_refuses() {
         ("uncertainty", &["(limit: @-1.0)", "(limit: @inf)"]),
         ("deadline-latch", &["( /* none */ steps: @0)"]),
         (
+            "undo-probability",
+            &[
+                "(accepted_risk: @1.0)",
+                "(hard_resets_per_1000: @0.0)",
+                "(accepted_risk: 0.1,\n hard_resets_per_1000: @2.0)",
+                "(adapt: false, accepted_risk: @0.1)",
+                "(combine: @KOfN(0))",
+                "(adaptation_rate: @0.0)",
+                "(initial_threshold: @NaN)",
+                "(@risk: 0.1)",
+            ],
+        ),
+        (
             "linear-constraints",
             &[
                 "(constraints: [(a: [1.0], b: 1.0), @(a: [], b: 1.0)])",

@@ -1,12 +1,8 @@
 //! An abort rule: an action must not be much worse for the reset than what the reset agent itself would do.
 #![forbid(unsafe_code)]
 
-use std::cell::RefCell;
-
-use rule_kit::{Combine, Row, explain, require_finite};
-use shield_api::{
-    AbortRule, Needs, Plugin, Reason, Result, Rows, RuleContext, RuleVerdict, Setup, check_length,
-};
+use rule_kit::{Combine, Differences, Row, explain, require_finite};
+use shield_api::{AbortRule, Needs, Plugin, Reason, Result, Rows, RuleContext, RuleVerdict, Setup};
 
 shield_api::config! {
     /// Settings of the rule.
@@ -24,8 +20,7 @@ shield_api::config! {
 pub struct Advantage {
     min_advantage: f32,
     combine: Combine,
-    /// The advantage of each member; kept, so that judging allocates nothing.
-    advantages: RefCell<Vec<f32>>,
+    advantages: Differences,
     row: Row,
 }
 
@@ -38,7 +33,7 @@ impl Plugin for Advantage {
         let Config { min_advantage, combine } = config;
         require_finite("min_advantage", min_advantage)?;
         combine.check("combine")?;
-        Ok(Self { min_advantage, combine, advantages: RefCell::default(), row: Row::default() })
+        Ok(Self { min_advantage, combine, advantages: Differences::default(), row: Row::default() })
     }
 }
 
@@ -49,12 +44,7 @@ impl Advantage {
         context: &RuleContext<'_>,
         use_them: impl FnOnce(&[f32]) -> Result<T>,
     ) -> Result<T> {
-        check_length("the greedy action's values", context.greedy_values, context.values.len())?;
-        let mut advantages = self.advantages.borrow_mut();
-        advantages.clear();
-        let pairs = context.values.iter().zip(context.greedy_values);
-        advantages.extend(pairs.map(|(value, greedy)| value - greedy));
-        use_them(&advantages)
+        self.advantages.with(context.values, context.greedy_values, use_them)
     }
 }
 

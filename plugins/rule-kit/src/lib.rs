@@ -8,7 +8,7 @@ use std::{
     fmt::{Arguments, Write},
 };
 
-use shield_api::{Error, Reason, Result, Rows};
+use shield_api::{Error, Reason, Result, Rows, check_length};
 
 pub use combine::Combine;
 
@@ -21,6 +21,26 @@ pub fn require_values(values: &[f32]) -> Result<()> {
         return Err(Error::invalid_argument("the reset ensemble's values are missing; this rule needs them"));
     }
     Ok(())
+}
+
+/// Refuses undo probabilities of this name that are missing, not one of each member, or outside [0, 1].
+///
+/// # Errors
+/// They are such.
+pub fn require_probabilities(name: &str, probabilities: &[f32], members: usize) -> Result<()> {
+    if probabilities.is_empty() {
+        let message = format!("the {name} are missing; this rule needs a success critic");
+        return Err(Error::invalid_argument(message));
+    }
+    check_length(name, probabilities, members)?;
+    // Written so that NaN is refused.
+    match probabilities.iter().position(|value| !(0.0..=1.0).contains(value)) {
+        None => Ok(()),
+        Some(member) => {
+            let value = probabilities[member];
+            Err(Error::invalid_argument(format!("{name}[{member}] is {value}, which is no probability")))
+        }
+    }
 }
 
 /// Refuses a setting of this name that is not finite.
@@ -90,6 +110,29 @@ impl Row {
         rows: &mut dyn Rows,
     ) -> Result<()> {
         self.push_at_least(proposed, -value, gradient.map(|slope| -slope), -limit, rows)
+    }
+}
+
+/// Room for the difference of two figures of each member, reused from action to action.
+#[derive(Debug, Default)]
+pub struct Differences(RefCell<Vec<f32>>);
+
+impl Differences {
+    /// Hands `figures` less `others`, member by member, to `use_them`.
+    ///
+    /// # Errors
+    /// There are more of one than of the other; or that of `use_them`.
+    pub fn with<T>(
+        &self,
+        figures: &[f32],
+        others: &[f32],
+        use_them: impl FnOnce(&[f32]) -> Result<T>,
+    ) -> Result<T> {
+        check_length("the greedy action's figures", others, figures.len())?;
+        let mut differences = self.0.borrow_mut();
+        differences.clear();
+        differences.extend(figures.iter().zip(others).map(|(figure, other)| figure - other));
+        use_them(&differences)
     }
 }
 

@@ -1,10 +1,10 @@
 #![doc = include_str!("../README.md")]
 #![forbid(unsafe_code)]
 
-mod action_input;
 mod checkpoint;
 mod config;
 mod critic;
+mod input;
 #[cfg(test)]
 mod tests;
 
@@ -16,8 +16,8 @@ use rand::SeedableRng;
 use rand_pcg::Pcg64;
 use shield_api::{Host, Plugin, Result, Setup};
 
-use action_input::ActionInput;
 pub use config::SuccessCriticConfig;
+use input::Input;
 
 /// An ensemble of networks for P(s, a), each with its own target network.
 #[derive(Debug)]
@@ -27,7 +27,10 @@ pub struct CriticEnsemble {
     /// z₁ … zₙ with P = σ(z).
     critics: Ensemble<f32>,
     optimiser: Adam,
-    actions: ActionInput,
+    observations: Input,
+    actions: Input,
+    /// Rows as the networks see them, before they are scaled.
+    rows: Vec<f32>,
     normaliser: Option<Normaliser>,
     /// Memory that is kept between calls, so that none is allocated after the first.
     buffers: Buffers,
@@ -50,8 +53,9 @@ impl Plugin for CriticEnsemble {
     fn create(config: SuccessCriticConfig, setup: &Setup) -> Result<Self> {
         config.validate().map_err(plugin_error)?;
         let spaces = setup.spaces()?;
-        let (observation_len, actions) = (spaces.observation_len(), ActionInput::new(&spaces.action)?);
-        let action_len = actions.input_len();
+        let (observations, actions) =
+            (Input::of_observations(&spaces.observation), Input::of_actions(&spaces.action)?);
+        let (observation_len, action_len) = (observations.input_len(), actions.input_len());
         let mut rng = Pcg64::seed_from_u64(setup.seed);
         // The action enters before the second layer, as in the learners' critics. One thread: waking another takes longer than a network.
         let network = Architecture::critic(observation_len, action_len, &config.hidden, 1, Activation::Tanh);
@@ -65,8 +69,11 @@ impl Plugin for CriticEnsemble {
             host: setup.host,
             critics,
             optimiser: Adam::new(config.learning_rate),
+            normaliser: (config.normalise_observations && matches!(observations, Input::Plain(_)))
+                .then(|| Normaliser::new(observation_len)),
+            observations,
             actions,
-            normaliser: config.normalise_observations.then(|| Normaliser::new(observation_len)),
+            rows: Vec::new(),
             buffers: Buffers::default(),
             steps: vec![CriticStep::default(); config.members],
             answers: vec![Answer { logit: 0.0, gradient: vec![0.0; action_len] }; config.members],

@@ -304,6 +304,7 @@ fn the_plugins_of_this_repository_are_found_and_work() {
         ("advantage", "(combine: KOfN(2))"),
         ("linear-constraints", "(max_change: Some([0.5]))"),
         ("deadline-latch", ""),
+        ("undo-probability", "(accepted_risk: 0.1)"),
     ] {
         registry.abort_rule(&Selection::new(id), config, &setup()).unwrap_or_else(|error| panic!("{error}"));
     }
@@ -327,6 +328,25 @@ fn the_calibrated_task_reports_how_much_lies_in_its_reset_set() {
     let names: Vec<&str> = figures.iter().map(|(name, _)| name.as_str()).collect();
     assert_eq!(names, ["radius", "dimensions", "starts_inside", "experience_inside"]);
     assert!(figures.iter().all(|(_, mean)| (0.0..=2.0).contains(mean)), "{figures:?}");
+}
+
+#[test]
+fn the_rule_of_undo_probabilities_reports_its_threshold_and_the_realised_risk() {
+    let executable = std::env::current_exe().unwrap();
+    let registry = Registry::scan(&SearchPath::new([executable.parent().unwrap()]));
+    let mut rule = registry.abort_rule(&Selection::new("undo-probability"), "", &setup()).unwrap();
+    let mut figures = || {
+        let (metrics, mut figures) = (Metrics::default(), Vec::new());
+        let decision = ObservedDecision { step: 1, aborted: false, action: &[0.0] };
+        metrics.collect(|| rule.observe(&decision)).unwrap();
+        rule.observe_attempt(&ObservedAttempt { step: 2, succeeded: false }).unwrap();
+        metrics.drain(&mut |name, mean| figures.push((name.to_string(), mean)));
+        figures
+    };
+    assert_eq!(figures(), [("threshold".to_string(), 0.5)]);
+    let found = figures();
+    assert!((found[0].1 - 0.54).abs() < 1e-6, "{found:?}");
+    assert_eq!(found[1..], [("realised_risk".to_string(), 1.0)]);
 }
 
 #[test]

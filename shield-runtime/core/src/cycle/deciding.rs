@@ -124,7 +124,7 @@ impl ResetCycle {
         } else {
             ladder.check(&moment, &self.action)?;
             match ladder.limit(agents, &moment, &mut self.action) {
-                None | Some(Decision::WarmUp) => return Ok(None),
+                None | Some(Decision::Allow) => return Ok(None),
                 Some(decision) => decision,
             }
         };

@@ -56,6 +56,8 @@ pub struct UndoSettings {
     pub failure_share: f64,
     /// The share that is drawn from the last steps of successful attempts.
     pub success_share: f64,
+    /// Steps after which an outcome counts half.
+    pub outcome_half_life: f64,
 }
 
 /// What is kept beside the transitions.
@@ -280,14 +282,14 @@ impl Experience {
                 let [observation, action] = buffers.lengths;
                 let (before, next) = parts.split_at(observation + action);
                 let (before, action) = before.split_at(observation);
-                buffers.put(row, [before, action, next], self.aged(label));
+                buffers.put(row, [before, action, next], self.aged(undo, label));
                 label.number
             } else {
                 let number = if row < failures + successes { self.near_success(undo, rng) } else { None };
                 let number = number.unwrap_or_else(|| self.any_step(undo, rng));
                 let (slot, Outcome { value, weight }) = (self.slot(number), undo.log.outcome_of(number));
                 let label = Label { number, fate: undo.fates[slot], outcome: value, weight };
-                buffers.put(row, self.parts(slot), self.aged(label));
+                buffers.put(row, self.parts(slot), self.aged(undo, label));
                 number
             };
             if undo.settings.bootstrap_probability < 1.0 {
@@ -299,9 +301,9 @@ impl Experience {
         }
     }
 
-    /// A reset agent that improves makes old outcomes stale: one as old as the memory is long counts half.
-    fn aged(&self, label: Label) -> Label {
-        let age = self.pushed.saturating_sub(label.number) as f64 / self.capacity as f64;
+    /// A reset agent that improves makes old outcomes stale. As they fade, what the critic thinks of the next state takes their place.
+    fn aged(&self, undo: &UndoMemory, label: Label) -> Label {
+        let age = self.pushed.saturating_sub(label.number) as f64 / undo.settings.outcome_half_life;
         Label { weight: label.weight * (-age).exp2() as f32, ..label }
     }
 

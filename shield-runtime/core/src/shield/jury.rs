@@ -44,7 +44,9 @@ impl Juror {
 pub(super) enum Scope {
     /// Every rule.
     All,
-    /// The rules that need nothing learned: in the warm-up, and of the reset agent's own actions.
+    /// The rules that need no learned values: in the warm-up.
+    WarmUp,
+    /// The rules that need nothing learned: of the reset agent's own actions.
     Limits,
 }
 
@@ -154,12 +156,27 @@ impl Jury {
     fn present_needs(&self) -> Needs {
         match self.scope {
             Scope::All => self.needs,
+            Scope::WarmUp => Needs {
+                probabilities: self.needs.probabilities,
+                greedy_probabilities: self.needs.greedy_probabilities,
+                ..Needs::default()
+            },
             Scope::Limits => Needs::default(),
         }
     }
 
     fn judges(&self, index: usize) -> bool {
-        self.scope == Scope::All || !self.jurors[index].needs.anything_learned()
+        let needs = self.jurors[index].needs;
+        match self.scope {
+            Scope::All => true,
+            Scope::WarmUp => !learned_values(needs),
+            Scope::Limits => !needs.anything_learned(),
+        }
+    }
+
+    /// Whether some rule is not asked in the warm-up.
+    pub fn has_warm_up(&self) -> bool {
+        learned_values(self.needs)
     }
 
     /// The priorities of the soft rules, in the order of their columns.
@@ -337,6 +354,10 @@ impl Jury {
     pub fn rules(&mut self) -> impl Iterator<Item = &mut dyn AbortRule> {
         self.jurors.iter_mut().map(|juror| &mut *juror.rule as &mut dyn AbortRule)
     }
+}
+
+fn learned_values(needs: Needs) -> bool {
+    needs.values || needs.greedy_values || needs.forward_values
 }
 
 fn context<'a>(

@@ -21,7 +21,7 @@ use crate::decision::{Abort, Cause, Decision, Projection};
 pub struct LadderSettings {
     /// The spaces of the environment.
     pub spaces: Spaces,
-    /// Steps at the beginning during which rules that need learned values are not asked.
+    /// Steps at the beginning during which rules that need learned values are not asked; undo probabilities are none.
     pub warm_up_steps: u64,
     /// What the buffer holds after an abort where the reset agent's action is not usable. Must lie in the action space.
     pub fallback_action: Vec<f32>,
@@ -136,7 +136,8 @@ impl Ladder {
 
     /// Which rules judge the forward agent's actions now.
     fn forward_scope(&self, moment: &Moment<'_>) -> Scope {
-        if moment.step < self.settings.warm_up_steps { Scope::Limits } else { Scope::All }
+        let is_warm_up = moment.step < self.settings.warm_up_steps && self.jury.has_warm_up();
+        if is_warm_up { Scope::WarmUp } else { Scope::All }
     }
 
     /// Whether an action of the reset agent may be executed at all; no rule is asked.
@@ -320,8 +321,8 @@ impl Ladder {
 /// What it is called that the rules of a scope allow an action.
 fn allowed(scope: Scope) -> Decision {
     match scope {
-        Scope::All => Decision::Allow,
-        Scope::Limits => Decision::WarmUp,
+        Scope::All | Scope::Limits => Decision::Allow,
+        Scope::WarmUp => Decision::WarmUp,
     }
 }
 

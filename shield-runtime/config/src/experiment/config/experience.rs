@@ -27,6 +27,8 @@ pub struct ExperienceConfig {
     pub failure_share: f64,
     /// The share that is drawn from the last steps of successful attempts.
     pub success_share: f64,
+    /// Steps after which the outcome of an attempt counts half for a success critic: a reset agent that improves makes old ones stale.
+    pub outcome_half_life: f64,
     /// How much of a hard reset's cost the reset agent loses in the reward of the step before it.
     pub cost_weight: f32,
 }
@@ -43,6 +45,7 @@ impl Default for ExperienceConfig {
             on_reset_failure: OnResetFailure::default(),
             failure_share: 0.25,
             success_share: 0.125,
+            outcome_half_life: 100_000.0,
             cost_weight: 0.0,
         }
     }
@@ -51,8 +54,8 @@ impl Default for ExperienceConfig {
 impl ExperienceConfig {
     /// How batches are drawn for a success critic of so many members.
     pub fn undo(&self, members: usize) -> UndoSettings {
-        let Self { bootstrap_probability, failure_share, success_share, .. } = *self;
-        UndoSettings { members, bootstrap_probability, failure_share, success_share }
+        let Self { bootstrap_probability, failure_share, success_share, outcome_half_life, .. } = *self;
+        UndoSettings { members, bootstrap_probability, failure_share, success_share, outcome_half_life }
     }
 
     /// The two endings of the reset agent's task.

@@ -1,0 +1,391 @@
+use allocation_counter::measure;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use shield_api::{ErrorKind, PluginConfig, Verdict};
+
+use super::*;
+use crate::support::{assert_gradients_are_checked, create, judge, rows};
+
+const COMBINATIONS: [&str; 5] = ["Optimistic", "Realist", "Pessimistic", "Quantile(0.5)", "KOfN(1)"];
+
+fn rule(config: &str) -> UndoProbability {
+    support::rule(config)
+}
+
+/// P(s, a) of each member, and what the reset agent's own action is worth here and was worth at the start.
+fn context<'a>(now: &'a [f32], greedy: &'a [f32], start: &'a [f32]) -> RuleContext<'a> {
+    RuleContext {
+        probabilities: now,
+        greedy_probabilities: greedy,
+        start_probabilities: start,
+        ..support::context(&[], &[0.5])
+    }
+}
+
+/// Judged where the reset agent would be safer.
+fn allows(rule: &UndoProbability, now: f32, start: f32) -> bool {
+    judge(rule, &context(&[now], &[1.0], &[start])).0.verdict == Verdict::Allow
+}
+
+fn end_attempts(rule: &mut UndoProbability, outcomes: &[bool]) {
+    for succeeded in outcomes {
+        rule.observe_attempt(&ObservedAttempt { step: 0, succeeded: *succeeded }).unwrap();
+    }
+}
+
+fn saved(rule: &UndoProbability) -> Vec<u8> {
+    let mut bytes = Vec::new();
+    rule.save(&mut bytes).unwrap();
+    bytes
+}
+
+#[test]
+fn an_action_is_executed_where_it_can_be_undone_often_enough() {
+    for (config, now, start, is_allowed) in [
+        ("()", 0.5, 1.0, true),
+        ("()", 0.49, 1.0, false),
+        ("(initial_threshold: 0.8)", 0.79, 1.0, false),
+        // Of a start from which only 4 of 10 resets succeed, half is 2 of 10.
+        ("()", 0.2, 0.4, true),
+        ("()", 0.19, 0.4, false),
+        ("(relative: false)", 0.2, 0.4, false),
+        ("(relative: false)", 0.5, 0.0, true),
+        ("(initial_threshold: 1.0)", 0.4, 0.4, true),
+        ("(initial_threshold: 0.0, relative: false)", 0.0, 1.0, true),
+        ("(adapt: false, initial_threshold: 0.3)", 0.3, 1.0, true),
+    ] {
+        assert_eq!(allows(&rule(config), now, start), is_allowed, "{config} {now} {start}");
+    }
+}
+
+#[test]
+fn each_way_to_combine_is_used_for_the_action_and_for_the_start() {
+    let (now, start) = ([0.1, 0.4, 0.7], [0.4, 0.8, 0.9]);
+    for (combine, score, verdict) in [
+        ("Optimistic", 0.7, Verdict::Allow),
+        ("Realist", 0.4, Verdict::Allow),
+        ("Pessimistic", 0.1, Verdict::Reject),
+        ("Quantile(0.5)", 0.4, Verdict::Allow),
+        ("KOfN(2)", 0.4, Verdict::Allow),
+        ("KOfN(3)", 0.1, Verdict::Reject),
+    ] {
+        let (judged, _) = judge(&rule(&format!("(combine: {combine})")), &context(&now, &[1.0; 3], &start));
+        assert_eq!((judged.score, judged.verdict), (score, verdict), "{combine}");
+    }
+}
+
+#[test]
+fn an_action_is_executed_where_taking_over_would_be_no_safer() {
+    let verdict = |config: &str, now: &[f32], greedy: &[f32]| {
+        judge(&rule(config), &context(now, greedy, &[1.0; 2])).0.verdict
+    };
+    assert_eq!(verdict("()", &[0.1, 0.1], &[0.1, 0.1]), Verdict::Allow);
+    assert_eq!(verdict("()", &[0.1, 0.1], &[0.1, 0.11]), Verdict::Reject);
+    // The members' differences are combined, not their probabilities: here −0.1 and 0.2, though the smallest of each is equal.
+    let (now, greedy) = ([0.1, 0.4], [0.2, 0.2]);
+    assert_eq!(verdict("(combine: Pessimistic)", &now, &greedy), Verdict::Reject);
+    assert_eq!(verdict("(combine: Realist)", &now, &greedy), Verdict::Allow);
+}
+
+#[test]
+fn a_probability_that_is_none_rejects_the_action() {
+    for config in COMBINATIONS.map(|combine| format!("(combine: {combine})")) {
+        for bad in [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, -0.1, 1.1] {
+            let (good, spoilt) = ([0.9, 0.9], [0.9, bad]);
+            for context in [
+                context(&spoilt, &good, &good),
+                context(&good, &spoilt, &good),
+                context(&good, &good, &spoilt),
+            ] {
+                let error = rule(&config).evaluate(&context, &mut Reason::new(&mut [])).unwrap_err();
+                assert!(error.message().contains("probabilities[1] is"), "{config} {error}");
+            }
+        }
+    }
+    let absolute = rule("(relative: false)");
+    assert!(absolute.evaluate(&context(&[0.9], &[0.9], &[]), &mut Reason::new(&mut [])).is_ok());
+}
+
+#[test]
+fn an_action_that_is_not_finite_or_missing_probabilities_are_errors() {
+    let fails = |context: &RuleContext<'_>| {
+        rule("()").evaluate(context, &mut Reason::new(&mut [])).unwrap_err().kind()
+            == ErrorKind::InvalidArgument
+    };
+    let usual = context(&[0.9; 2], &[0.9; 2], &[0.9; 2]);
+    assert!(fails(&RuleContext { proposed: &[f32::NAN], ..usual }));
+    for context in [
+        context(&[], &[], &[]),
+        context(&[0.9; 2], &[], &[0.9; 2]),
+        context(&[0.9; 2], &[0.9; 2], &[]),
+        context(&[0.9; 2], &[0.9; 1], &[0.9; 2]),
+        context(&[0.9; 2], &[0.9; 2], &[0.9; 3]),
+    ] {
+        assert!(fails(&context), "{context:?}");
+    }
+}
+
+#[test]
+fn a_rejection_says_how_many_such_actions_could_be_undone() {
+    let (_, reason) = judge(&rule("(initial_threshold: 0.8)"), &context(&[0.6], &[0.9], &[1.0]));
+    assert_eq!(reason, "6 of 10 such actions could be undone; 8 of 10 are required");
+    let (_, reason) = judge(&rule("()"), &context(&[0.6], &[0.9], &[1.0]));
+    assert_eq!(reason, "");
+}
+
+#[test]
+fn every_setting_out_of_range_or_without_effect_is_refused() {
+    for (text, field) in [
+        ("(accepted_risk: 0.0)", "accepted_risk"),
+        ("(accepted_risk: 1.0)", "accepted_risk"),
+        ("(accepted_risk: NaN)", "accepted_risk"),
+        ("(accepted_risk: 0.1, adapt: false)", "accepted_risk"),
+        ("(hard_resets_per_1000: 0.0)", "hard_resets_per_1000"),
+        ("(hard_resets_per_1000: inf)", "hard_resets_per_1000"),
+        ("(hard_resets_per_1000: NaN)", "hard_resets_per_1000"),
+        ("(hard_resets_per_1000: 1.0, adapt: false)", "hard_resets_per_1000"),
+        ("(accepted_risk: 0.2, hard_resets_per_1000: 1.0)", "hard_resets_per_1000"),
+        ("(combine: KOfN(0))", "combine"),
+        ("(combine: Quantile(NaN))", "combine"),
+        ("(adaptation_rate: 0.0)", "adaptation_rate"),
+        ("(adaptation_rate: NaN)", "adaptation_rate"),
+        ("(adaptation_rate: 1.5)", "adaptation_rate"),
+        ("(initial_threshold: -0.1)", "initial_threshold"),
+        ("(initial_threshold: 1.1)", "initial_threshold"),
+        ("(initial_threshold: NaN)", "initial_threshold"),
+    ] {
+        let error = create::<UndoProbability>(text).unwrap_err();
+        assert_eq!((error.kind(), error.field()), (ErrorKind::InvalidConfig, Some(field)), "{text}: {error}");
+    }
+    assert!(Config::parse("(risk: 0.1)").is_err());
+}
+
+#[test]
+fn each_outcome_moves_the_threshold_by_what_was_not_accepted() {
+    for (config, outcomes, expected) in [
+        ("()", &[true][..], 0.5 - 0.05 * 0.2),
+        ("()", &[false], 0.5 + 0.05 * 0.8),
+        ("(accepted_risk: 0.4, adaptation_rate: 0.5)", &[false], 0.5 + 0.5 * 0.6),
+        ("(adaptation_rate: 1.0)", &[false, true, true], 0.6),
+        ("(initial_threshold: 0.0)", &[true], 0.0),
+        ("(adapt: false)", &[false, false, true], 0.5),
+    ] {
+        let mut rule = rule(config);
+        end_attempts(&mut rule, outcomes);
+        assert!((rule.threshold() - expected).abs() < 1e-6, "{config}: {}", rule.threshold());
+    }
+}
+
+#[test]
+fn a_budget_accepts_failures_by_the_steps_since_the_last_attempt() {
+    let mut rule = rule("(hard_resets_per_1000: 4.0)");
+    let mut expect = |step: u64, succeeded: bool, moved: f64| {
+        rule.observe(&ObservedDecision { step: step - 100, aborted: false, action: &[0.0] }).unwrap();
+        let before = rule.threshold();
+        rule.observe_attempt(&ObservedAttempt { step, succeeded }).unwrap();
+        assert!(
+            (rule.threshold() - before - moved).abs() < 1e-7,
+            "step {step}: {before} {}",
+            rule.threshold()
+        );
+    };
+    // The first decision was made at step 100: 100 steps, of which each accepts 0.004 failures.
+    expect(200, true, -0.05 * 0.4);
+    expect(350, false, 0.05 * (1.0 - 0.6));
+    // More than one failure per attempt there cannot be.
+    expect(1350, false, 0.0);
+    expect(1350, true, 0.0);
+    // A host whose steps begin anew.
+    expect(150, true, 0.0);
+}
+
+/// A world with a forward agent that goes on until it is rejected. P is what a critic says; the attempt fails where a coin of `failure(P)` says so.
+fn play(rule: &mut UndoProbability, attempts: u64, failure: impl Fn(f64) -> f64) -> (u64, u64) {
+    let mut rng = Pcg64::seed_from_u64(7);
+    let (mut failures, mut step) = (0, 0);
+    for _ in 0..attempts {
+        let mut probability = 1.0_f32;
+        while allows(rule, probability, 1.0) && probability > 0.0 {
+            rule.observe(&ObservedDecision { step, aborted: false, action: &[0.0] }).unwrap();
+            probability = (probability - rng.random_range(0.0..0.05)).max(0.0);
+            step += 1;
+        }
+        step += rng.random_range(10..100);
+        let succeeded = rng.random_range(0.0..1.0) >= failure(f64::from(probability));
+        failures += u64::from(!succeeded);
+        rule.observe_attempt(&ObservedAttempt { step, succeeded }).unwrap();
+    }
+    (failures, step)
+}
+
+#[test]
+fn the_realised_risk_is_the_accepted_one_whatever_the_critic_says() {
+    const ATTEMPTS: u64 = 4_000;
+    let (timid, daring) = (|p: f64| (1.0 - p).powi(2), |p: f64| 1.0 - p.powi(2));
+    for (name, failure) in [("too timid", timid as fn(f64) -> f64), ("too daring", daring)] {
+        for accepted in [0.1, 0.2, 0.4] {
+            let mut rule = rule(&format!("(accepted_risk: {accepted}, adaptation_rate: 0.02)"));
+            let (failures, _) = play(&mut rule, ATTEMPTS, failure);
+            // Gibbs and Candès 2021, proposition 4.1, for a threshold that never leaves [0, 1].
+            let bound = 1.0 / (0.02 * ATTEMPTS as f64);
+            let realised = failures as f64 / ATTEMPTS as f64;
+            assert!((realised - accepted).abs() < bound, "{name}, {accepted}: {realised}");
+        }
+    }
+}
+
+#[test]
+fn attempts_that_fail_at_the_highest_threshold_are_not_made_up_for() {
+    // A reset agent that fails every second time, wherever it begins.
+    let mut rule = rule("(accepted_risk: 0.1)");
+    let (failures, _) = play(&mut rule, 1_000, |_| 0.5);
+    assert!((450..550).contains(&failures), "{failures}");
+    assert!(allows(&rule, 1.0, 1.0), "it does not lock");
+}
+
+#[test]
+fn the_budget_of_hard_resets_is_kept() {
+    for budget in [2.0, 3.0, 5.0] {
+        let mut rule = rule(&format!("(hard_resets_per_1000: {budget:?}, adaptation_rate: 0.02)"));
+        let (failures, steps) = play(&mut rule, 4_000, |p| 1.0 - p);
+        let allowance = budget * steps as f64 / 1000.0;
+        assert!((failures as f64 - allowance).abs() < 1.0 / 0.02, "{budget}: {failures} of {allowance}");
+    }
+}
+
+#[test]
+fn a_rule_that_aborts_at_the_start_unlocks_itself() {
+    // No attempt has ever succeeded: the threshold is as high as it can be, and the action a little worse than the start.
+    for config in ["()", "(hard_resets_per_1000: 2.0)"] {
+        let mut rule = rule(config);
+        end_attempts(&mut rule, &[false; 50]);
+        assert_eq!(rule.threshold(), 1.0);
+        // To abort where nothing has to be undone is an attempt that succeeds, one step later.
+        let mut step = 0;
+        while !allows(&rule, 0.095, 0.1) {
+            step += 1;
+            rule.observe_attempt(&ObservedAttempt { step, succeeded: true }).unwrap();
+            assert!(step < 1_000, "{config}");
+        }
+        assert!(step > 0);
+    }
+}
+
+#[test]
+fn a_critic_that_knows_nothing_locks_only_an_absolute_threshold() {
+    // Everywhere the same low estimate, and a reset agent that promises a little more.
+    let knows_nothing = context(&[0.1; 3], &[0.11; 3], &[0.1; 3]);
+    let verdict = |config: &str| judge(&rule(config), &knows_nothing).0.verdict;
+    assert_eq!(verdict("(initial_threshold: 1.0)"), Verdict::Allow);
+    assert_eq!(verdict("(initial_threshold: 1.0, relative: false)"), Verdict::Reject);
+}
+
+#[test]
+fn the_realised_risk_is_that_of_the_last_100_attempts() {
+    let mut rule = rule("()");
+    assert_eq!(rule.history.realised_risk(), None);
+    end_attempts(&mut rule, &[false, true, true, true]);
+    assert_eq!(rule.history.realised_risk(), Some(0.25));
+    end_attempts(&mut rule, &[true; 96]);
+    assert_eq!(rule.history.realised_risk(), Some(0.01));
+    end_attempts(&mut rule, &[true]);
+    assert_eq!(rule.history.realised_risk(), Some(0.0));
+    end_attempts(&mut rule, &[false; 150]);
+    assert_eq!(rule.history.realised_risk(), Some(1.0));
+}
+
+#[test]
+fn rows_hold_where_the_linearised_probability_suffices() {
+    // Around 0.5: P₀ = 0.3 + 0.4 (a − 0.5) and P₁ = 0.2 − 0.2 (a − 0.5); half of 0.8 is required.
+    let context = context(&[0.3, 0.2], &[0.9; 2], &[0.8; 2]);
+    let found = |config: &str| rows(&rule(config), &context, &[0.4, -0.2]).unwrap();
+    let near = |found: &[(Vec<f32>, f32)], expected: &[(f32, f32)]| {
+        assert_eq!(found.len(), expected.len(), "{found:?}");
+        for ((row, bound), (slope, limit)) in found.iter().zip(expected) {
+            assert!((row[0] - slope).abs() < 1e-6 && (bound - limit).abs() < 1e-6, "{found:?}");
+        }
+    };
+    near(&found("()"), &[(-0.1, 0.25 - 0.05 - 0.4)]);
+    near(&found("(combine: Pessimistic)"), &[(-0.4, 0.3 - 0.2 - 0.4), (0.2, 0.2 + 0.1 - 0.4)]);
+    near(&found("(combine: Optimistic)"), &[(-0.4, 0.3 - 0.2 - 0.4)]);
+    near(&found("(relative: false)"), &[(-0.1, 0.25 - 0.05 - 0.5)]);
+}
+
+#[test]
+fn gradients_and_probabilities_that_are_none_give_no_rows() {
+    for combine in COMBINATIONS {
+        let rule = rule(&format!("(combine: {combine})"));
+        assert_gradients_are_checked(&rule);
+        for context in [
+            context(&[0.9, f32::NAN], &[0.9; 2], &[0.9; 2]),
+            context(&[0.9; 2], &[0.9; 2], &[0.9, f32::NAN]),
+            context(&[], &[], &[]),
+        ] {
+            assert!(rows(&rule, &context, &[0.1, 0.1]).is_err(), "{context:?}");
+        }
+    }
+}
+
+#[test]
+fn judging_allocates_nothing_after_the_first_time() {
+    let rule = rule("(combine: Quantile(0.5))");
+    let (mut room, members) = ([0; 120], [0.1; 20]);
+    let context = context(&members, &[0.2; 20], &[1.0; 20]);
+    let mut judge = || rule.evaluate(&context, &mut Reason::new(&mut room)).unwrap().verdict;
+    assert_eq!(judge(), Verdict::Reject);
+    let count = measure(|| assert_eq!(judge(), Verdict::Reject)).count_total;
+    assert_eq!(count, 0);
+}
+
+#[test]
+fn its_state_is_restored_also_into_other_settings() {
+    let mut first = rule("(hard_resets_per_1000: 5.0)");
+    play(&mut first, 137, |p| 1.0 - p);
+    let bytes = saved(&first);
+    for config in
+        ["(hard_resets_per_1000: 5.0)", "(accepted_risk: 0.1, combine: Pessimistic, relative: false)"]
+    {
+        let mut other = rule(config);
+        other.load(&bytes).unwrap();
+        assert_eq!(saved(&other), bytes);
+        assert_eq!(other.threshold(), first.threshold());
+    }
+    let mut stays = rule("(adapt: false, initial_threshold: 0.3)");
+    stays.load(&bytes).unwrap();
+    assert!((stays.threshold() - 0.3).abs() < 1e-6);
+
+    let mut second = rule("(hard_resets_per_1000: 5.0)");
+    second.load(&bytes).unwrap();
+    assert_eq!(play(&mut first, 50, |p| 1.0 - p), play(&mut second, 50, |p| 1.0 - p));
+    assert_eq!(saved(&first), saved(&second));
+}
+
+#[test]
+fn a_foreign_or_impossible_state_is_refused_and_changes_nothing() {
+    let mut rule = rule("()");
+    rule.observe(&ObservedDecision { step: 3, aborted: false, action: &[0.0] }).unwrap();
+    end_attempts(&mut rule, &[false, true]);
+    let bytes = saved(&rule);
+    let header = b"shield/undo-probability/1\n".len();
+    // Threshold, whether steps have begun, and the last step, the attempts, the failures, the last outcomes.
+    let [threshold, begun, attempts, failures, recent] = [0, 8, 17, 25, 33].map(|offset| header + offset);
+    let with = |at: usize, part: &[u8]| {
+        let mut bytes = bytes.clone();
+        bytes[at..at + part.len()].copy_from_slice(part);
+        bytes
+    };
+    let mut bad: Vec<Vec<u8>> = (0..bytes.len()).map(|length| bytes[..length].to_vec()).collect();
+    bad.push([&bytes[..], &[0]].concat());
+    bad.push(with(0, b"S"));
+    bad.push(with(header - 2, b"2"));
+    bad.extend([f64::NAN, f64::INFINITY, -0.1, 1.1].map(|value| with(threshold, &value.to_le_bytes())));
+    bad.extend([0, 2].map(|flag: u8| with(begun, &[flag])));
+    bad.extend([0, 1].map(|count: u64| with(attempts, &count.to_le_bytes())));
+    bad.extend([0, 2].map(|count: u64| with(failures, &count.to_le_bytes())));
+    bad.extend([0, 0b111, 0b100].map(|bits: u128| with(recent, &bits.to_le_bytes())));
+    for bytes in bad {
+        assert!(rule.load(&bytes).is_err(), "{bytes:?}");
+    }
+    assert_eq!(saved(&rule), bytes);
+    rule.load(&bytes).unwrap();
+}
