@@ -45,7 +45,13 @@ fn a_second_evaluation_without_the_shield_leaves_the_training_alone() {
     let latched = gridworld(2_000, "")
         .replace("rules: [", r#"rules: [(plugin: "deadline-latch"), "#)
         .replace("episodes: 1", "episodes: 5");
-    for (experiment, run) in [(rejecting(), RUN), (latched, "runs/small/default/seed-0")] {
+    // Its threshold and its critic learn from what happens; careful enough that it rejects greedy actions, too.
+    let adapting = cart(1_500, "").replace("episodes: 2", "episodes: 5").replace(
+        r#"(plugin: "ensemble-threshold", config: (q_min: 1.0, combine: Realist))],"#,
+        r#"(plugin: "undo-probability", config: (accepted_risk: 0.05))], success_critic: (plugin: "success-critic"),"#,
+    );
+    assert!(adapting.contains("undo-probability"));
+    for (experiment, run) in [(rejecting(), RUN), (latched, "runs/small/default/seed-0"), (adapting, RUN)] {
         let [both, bare] = ["true", "false"].map(|shielded| {
             let folder = ran(&experiment, &["--set", &format!("evaluation.shielded={shielded}")]);
             let run = folder.path().join(run);

@@ -591,6 +591,7 @@ Experiment(
         on_reset_failure: Bootstrap,
         failure_share: 0.25,
         success_share: 0.125,
+        outcome_half_life: 100000.0,
         cost_weight: 0.0,
     ),
     evaluation: (
