@@ -37,7 +37,7 @@ shield_api::config! {
 }
 
 /// A loss of probability that is never worth an abort. Where the way back is out of reach anyhow, less than that is at stake.
-const NEGLIGIBLE: f64 = 0.05;
+const NEGLIGIBLE: f64 = 0.02;
 
 /// The rule, with what became of the attempts so far.
 #[derive(Debug)]
