@@ -45,7 +45,7 @@ impl Default for ExperienceConfig {
             on_reset_failure: OnResetFailure::default(),
             failure_share: 0.25,
             success_share: 0.125,
-            outcome_half_life: 50.0,
+            outcome_half_life: 15.0,
             cost_weight: 0.0,
         }
     }
