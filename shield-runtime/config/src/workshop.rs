@@ -147,6 +147,7 @@ impl Workshop<'_> {
         spaces: &Spaces,
     ) -> Result<Memory, InputError> {
         let experience = Experience::new(config.capacity, spaces, members, config.bootstrap_probability)
+            .map(|experience| experience.with_abort_lifetime(config.abort_lifetime))
             .and_then(|experience| match success {
                 None => Ok(experience),
                 Some(critic) => experience.with_undo(config.undo(critic.info().members)),
