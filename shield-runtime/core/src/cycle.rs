@@ -115,11 +115,12 @@ pub struct ResetCycle {
 impl ResetCycle {
     /// A cycle before the first start, for observations and actions of these lengths.
     pub fn new(
-        settings: CycleSettings,
+        mut settings: CycleSettings,
         mut parts: CycleParts,
         [observation_len, action_len]: [usize; 2],
     ) -> Self {
         let (action, metrics) = (vec![0.0; action_len], Metrics::default());
+        settings.explores &= parts.reset.as_ref().is_none_or(Agent::learns);
         parts.forward.iter_mut().for_each(|forward| forward.report_to(&metrics));
         parts.reset.iter_mut().for_each(|reset| reset.report_to(&metrics));
         parts.success.iter_mut().for_each(|success| success.report_to(&metrics));

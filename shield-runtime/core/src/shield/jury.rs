@@ -16,7 +16,10 @@ use super::{
     rows::RowBuffer,
     rules::{RuleTree, Shape},
 };
-use crate::decision::{Abort, Cause};
+use crate::{
+    controller::check_needs,
+    decision::{Abort, Cause},
+};
 
 /// Room for the sentence of one rule.
 const SENTENCE: usize = 256;
@@ -80,7 +83,9 @@ impl Jury {
         let shape = Shape::of(tree, &mut rules)?;
         let mut columns = 0;
         let mut jurors = Vec::with_capacity(rules.len());
-        for (rule, priority) in rules {
+        for (index, (rule, priority)) in rules.into_iter().enumerate() {
+            check_needs(rule.needs(), info)
+                .map_err(|error| Error::invalid_config(format!("rule {index}: {}", error.message())))?;
             let slack = priority.map(|priority| {
                 columns += 1;
                 (columns - 1, priority)
