@@ -1,5 +1,6 @@
 //! What runs came to, for people: records, figures, and one page.
 
+mod attempts;
 mod check;
 mod course;
 mod draw;
@@ -10,6 +11,7 @@ mod places;
 mod record;
 mod statistics;
 
+pub use attempts::{ATTEMPT_COLUMNS, ATTEMPT_NOTE, AttemptColumn, Diagram, Forecasts, has_attempts};
 pub use course::{Course, EvaluationCourse};
 pub use draw::{png, svg, titled};
 pub use figures::{Band, Dots, FIGURE_NAMES, Figure, HeatMap, Lines, Row, figures};

@@ -5,6 +5,7 @@ use minijinja::{Environment, context};
 use serde::Serialize;
 
 use super::{
+    attempts::{ATTEMPT_COLUMNS, ATTEMPT_NOTE, has_attempts},
     draw,
     figures::Figure,
     record::{PluginRecord, Record, RunRecord, VariantRecord, but_for_seed},
@@ -89,6 +90,9 @@ pub fn page(record: &Record, figures: &[Figure], pictures: &[(String, String, St
         columns => COLUMNS.map(|(heading, ..)| heading),
         rows => record.variants.iter().map(row).collect::<Vec<_>>(),
         notes => notes(&record.variants),
+        attempt_columns => ATTEMPT_COLUMNS.map(|(heading, ..)| heading),
+        attempts => record.variants.iter().filter_map(attempts).collect::<Vec<_>>(),
+        attempt_note => ATTEMPT_NOTE,
         drawings,
         names,
         differences => configurations(&record.variants),
@@ -98,20 +102,28 @@ pub fn page(record: &Record, figures: &[Figure], pictures: &[(String, String, St
 }
 
 fn row(variant: &VariantRecord) -> TableRow {
-    let cell = |(_, figure, decimals): &Column| {
-        let Some(spread) = Spread::of(variant.runs.iter().filter_map(figure)) else {
-            return Cell { median: "–".into(), quartiles: String::new() };
-        };
-        let show = |figure: f64| show(figure, *decimals);
-        let [lower, upper] = [show(spread.lower), show(spread.upper)];
-        let quartiles = if lower == upper { String::new() } else { format!("{lower} to {upper}") };
-        Cell { median: show(spread.median), quartiles }
+    let cells =
+        COLUMNS.iter().map(|(_, figure, decimals)| cell(variant.runs.iter().filter_map(figure), *decimals));
+    TableRow { name: variant.name.clone(), seeds: variant.runs.len(), cells: cells.collect() }
+}
+
+/// The row of a variant in the table of attempts, if it made any.
+fn attempts(variant: &VariantRecord) -> Option<TableRow> {
+    let summaries = || variant.runs.iter().map(|run| &run.summary).filter(|run| has_attempts(run));
+    let cells =
+        ATTEMPT_COLUMNS.iter().map(|(_, figure, decimals)| cell(summaries().filter_map(figure), *decimals));
+    let seeds = summaries().count();
+    (seeds > 0).then(|| TableRow { name: variant.name.clone(), seeds, cells: cells.collect() })
+}
+
+fn cell(figures: impl Iterator<Item = f64>, decimals: usize) -> Cell {
+    let Some(spread) = Spread::of(figures) else {
+        return Cell { median: "–".into(), quartiles: String::new() };
     };
-    TableRow {
-        name: variant.name.clone(),
-        seeds: variant.runs.len(),
-        cells: COLUMNS.iter().map(cell).collect(),
-    }
+    let show = |figure: f64| show(figure, decimals);
+    let [lower, upper] = [show(spread.lower), show(spread.upper)];
+    let quartiles = if lower == upper { String::new() } else { format!("{lower} to {upper}") };
+    Cell { median: show(spread.median), quartiles }
 }
 
 /// What must be known before hard resets are compared.

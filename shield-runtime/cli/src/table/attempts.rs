@@ -1,0 +1,71 @@
+//! The table of attempts to get back to the start, below that of the results.
+
+use comfy_table::{CellAlignment, Table, presets::UTF8_FULL_CONDENSED};
+use shield_lab::run::Summary;
+use shield_report::report::{ATTEMPT_COLUMNS, ATTEMPT_NOTE, has_attempts};
+
+use super::{Column, cell};
+
+/// A row per variant; `None` where no run has a success critic or a risk that it accepts.
+pub fn attempts(variants: &[String], runs: &[Summary]) -> Option<String> {
+    let attempts = |run: &Summary| run.attempts.brier_score.or(run.attempts.accepted_risk);
+    runs.iter().find_map(attempts)?;
+    let mut table = Table::new();
+    table.load_preset(UTF8_FULL_CONDENSED);
+    let columns = ATTEMPT_COLUMNS.map(|(heading, figure, decimals)| Column { heading, figure, decimals });
+    let headings = columns.iter().map(|column| in_two_lines(column.heading));
+    table.set_header(["variant".to_owned(), "seeds".into()].into_iter().chain(headings));
+    for variant in variants {
+        let is_of_variant = |run: &&Summary| run.variant == *variant && has_attempts(run);
+        let of_variant: Vec<&Summary> = runs.iter().filter(is_of_variant).collect();
+        if !of_variant.is_empty() {
+            let cells = columns.iter().map(|column| cell(column, &of_variant));
+            table.add_row([variant.clone(), of_variant.len().to_string()].into_iter().chain(cells));
+        }
+    }
+    for column in table.column_iter_mut().skip(1) {
+        column.set_cell_alignment(CellAlignment::Right);
+    }
+    Some(format!("{table}\n{ATTEMPT_NOTE}"))
+}
+
+/// Broken at the blank that is nearest to the middle.
+fn in_two_lines(heading: &str) -> String {
+    let blanks = heading.match_indices(' ').map(|(at, _)| at);
+    match blanks.min_by_key(|at| at.abs_diff(heading.len() / 2)) {
+        Some(at) => format!("{}\n{}", &heading[..at], &heading[at + 1..]),
+        None => heading.to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use shield_core::events::Counters;
+    use shield_lab::run::{AttemptSummary, Identity};
+
+    use super::*;
+
+    fn run(variant: &str, attempts: AttemptSummary) -> Summary {
+        let identity = Identity { experiment: "e".into(), variant: variant.into(), seed: 0 };
+        Summary { attempts, ..Summary::new(&identity, &Counters::default()) }
+    }
+
+    #[test]
+    fn attempts_are_tabled_where_something_was_expected_of_them() {
+        let counted = AttemptSummary {
+            reset_successes: Some(9),
+            failed_attempts: Some(3),
+            realised_risk: Some(0.25),
+            ..AttemptSummary::default()
+        };
+        let judged = AttemptSummary { accepted_risk: Some(0.2), brier_score: Some(0.1), ..counted.clone() };
+        let runs = [run("old", counted.clone()), run("new", judged), run("none", AttemptSummary::default())];
+        let names = ["old", "new", "none"].map(str::to_owned);
+        let text = attempts(&names, &runs).unwrap_or_default();
+        let row = |name: &str| text.lines().find(|line| line.contains(name)).map(str::to_owned);
+        assert!(row("old").is_some_and(|row| row.contains("25.0") && row.contains("12")), "{text}");
+        assert!(row("new").is_some_and(|row| row.contains("20.0") && row.contains("0.100")), "{text}");
+        assert_eq!(row("none"), None, "{text}");
+        assert_eq!(attempts(&names, &runs[..1]), None);
+    }
+}
