@@ -191,7 +191,7 @@ fn less_accepted_risk_rejects_more_and_the_limits_of_the_replay_are_told() {
     assert!(thresholds[1] > thresholds[2] && thresholds[2] > thresholds[3], "{said}");
     let attempts = read_attempts(&run).unwrap().len();
     for part in
-        [&format!("the {attempts} attempts of the run"), "cannot know the outcomes of attempts that were not"]
+        [&format!("the {attempts} attempts of the run"), "cannot know the outcomes of attempts that were"]
     {
         assert!(said.contains(part), "{part} is missing in: {said}");
     }
@@ -245,11 +245,11 @@ fn a_rejection_is_explained_by_probabilities_and_threshold() {
         near(figure("where the last reset ended, with"), mean(&aborted.start_probabilities)),
         "{explained}"
     );
-    let threshold = figure("of the probability where the last reset ended");
-    assert!(
-        mean(&aborted.probabilities) < threshold * mean(&aborted.start_probabilities) + 1e-3,
-        "{explained}"
-    );
+    // The rule is as careful as its most careful member.
+    let least = |members: &[f32]| f64::from(members.iter().copied().fold(f32::INFINITY, f32::min));
+    let required =
+        figure("of the probability where the last reset ended") * least(&aborted.start_probabilities);
+    assert!(least(&aborted.probabilities) < required + 1e-3, "{explained}");
     assert!(explained.contains("such actions could be undone;"), "{explained}");
 }
 
@@ -262,7 +262,7 @@ fn the_report_shows_the_risk_and_a_reliability_diagram() {
     };
     report(&["runs/small", "--png", "png", "--record", "kept.json"]);
     let page = fs::read_to_string(folder.path().join("runs/small/report.html")).unwrap();
-    for part in ["Attempts to get back to the start", "<th>accepted, %</th>", "id=\"reliability-default\""] {
+    for part in ["Attempts to get back to the start", "<th>accepted,\n%</th>", "id=\"reliability-default\""] {
         assert!(page.contains(part), "{part} is missing");
     }
     assert!(fs::read(folder.path().join("png/reliability-default.png")).unwrap().starts_with(b"\x89PNG"));

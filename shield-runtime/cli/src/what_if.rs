@@ -24,8 +24,8 @@ action that was not executed is followed any further.
 
 The rule `undo-probability` moves its threshold with the outcome of each attempt to get back to the start. In a replay it hears the outcomes of \
 the attempts that the run made, in their order. With another accepted risk the shield would have aborted elsewhere, and other attempts would \
-have followed; how these would have ended, no replay can know. So read --risk as a direction: the further a risk lies from the recorded \
-one, the less its row says.
+have followed; how these would have ended, no replay can know. So a row of --risk shows in which direction a setting acts, the less the \
+further it lies from the recorded one.
 
 Examples:
   shield what-if runs/mine/shielded/seed-0 --risk 0.1,0.2
@@ -108,8 +108,9 @@ fn told_of_attempts(run: &Path) -> Result<String, Failure> {
     let failed = attempts.iter().filter(|attempt| attempt.outcome == AttemptOutcome::Failed).count();
     let share = 100.0 * failed as f64 / attempts.len() as f64;
     Ok(format!(
-        "The rule hears how the {} attempts of the run ended: {failed} failed ({share:.0}%). A replay cannot know the outcomes of attempts that were not\n\
-         made. Where less than {share:.0}% is accepted, the threshold keeps rising, though fewer would have failed; where more is, it keeps falling.",
+        "The rule hears how the {} attempts of the run ended: {failed} failed ({share:.0}%). A replay cannot know the outcomes of attempts that were\n\
+         not made, and with another accepted risk others would have been. So a row shows in which direction a setting acts, the less the\n\
+         further it lies from the recorded one.",
         attempts.len()
     ))
 }
@@ -119,9 +120,9 @@ fn table(headings: &[&str], rows: &[(Vec<String>, Replay)]) -> Table {
     let mut table = Table::new();
     table.load_preset(UTF8_FULL_CONDENSED);
     let figures = ["decisions", "rejected", "%", "of them failed", "newly allowed", "newly rejected"];
-    let has_threshold = rows.iter().any(|(_, replay)| replay.last_threshold.is_some());
-    let last = has_threshold.then_some("last threshold");
-    table.set_header(headings.iter().copied().chain(figures).chain(last));
+    let has_threshold = rows.iter().any(|(_, replay)| replay.mean_threshold.is_some());
+    let mean = has_threshold.then_some("mean threshold");
+    table.set_header(headings.iter().copied().chain(figures).chain(mean));
     for (settings, replay) in rows {
         let share = 100.0 * replay.rejected as f64 / replay.decisions.max(1) as f64;
         let mut figures = vec![
@@ -132,7 +133,7 @@ fn table(headings: &[&str], rows: &[(Vec<String>, Replay)]) -> Table {
             replay.newly_allowed.to_string(),
             replay.newly_rejected.to_string(),
         ];
-        let threshold = || replay.last_threshold.map_or("-".into(), |threshold| format!("{threshold:.3}"));
+        let threshold = || replay.mean_threshold.map_or("-".into(), |threshold| format!("{threshold:.3}"));
         figures.extend(has_threshold.then(threshold));
         let mut cells: Vec<Cell> = settings.iter().map(Cell::new).collect();
         let figures = figures.into_iter();

@@ -2,6 +2,7 @@
 
 mod attempts;
 mod check;
+mod columns;
 mod course;
 mod draw;
 mod figures;
@@ -11,7 +12,8 @@ mod places;
 mod record;
 mod statistics;
 
-pub use attempts::{ATTEMPT_COLUMNS, ATTEMPT_NOTE, AttemptColumn, Diagram, Forecasts, has_attempts};
+pub use attempts::{ATTEMPT_COLUMNS, ATTEMPT_NOTE, Diagram, Forecasts, has_attempts};
+pub use columns::{COLUMNS, Cell, Column, forward_share};
 pub use course::{Course, EvaluationCourse};
 pub use draw::{png, svg, titled};
 pub use figures::{Band, Dots, FIGURE_NAMES, Figure, HeatMap, Lines, Row, figures};

@@ -164,7 +164,7 @@ fn attempts_and_the_risk_are_counted_on_exactly() {
     let expected = Run::uninterrupted(&experiment);
     let summary = String::from_utf8_lossy(&expected["summary.json"]);
     assert!(
-        summary.contains("\"accepted_risk\":0.2") && !summary.contains("\"brier_score\":null"),
+        summary.contains("\"accepted_risk\":0.05") && !summary.contains("\"brier_score\":null"),
         "{summary}"
     );
     for sabotage in [Sabotage::Stop(777), Sabotage::Crash(1_111)] {
@@ -217,6 +217,23 @@ fn networks_robots_and_projections_continue_exactly() {
     let projections = String::from_utf8_lossy(&expected["interventions.csv"]).matches("project").count();
     assert!(projections > 10, "only {projections} projections");
     for sabotage in [Sabotage::Stop(120), Sabotage::Stop(333), Sabotage::Crash(640)] {
+        let run = Run::new(&experiment, &[]);
+        run.go(sabotage);
+        run.go(Sabotage::None);
+        same(&expected, &run, &format!("{sabotage:?}"));
+    }
+}
+
+#[test]
+fn a_shield_that_adapts_continues_exactly_and_so_do_its_evaluations() {
+    let learned =
+        r#"(plugin: "undo-probability", config: (accepted_risk: 0.05)), (plugin: "deadline-latch")"#;
+    let experiment = cart(1_200, "checkpoint: (every: 250),")
+        .replace(r#"(plugin: "ensemble-threshold", config: (q_min: 1.0, combine: Realist))"#, learned)
+        .replace("warm_up_steps", r#"success_critic: (plugin: "success-critic"), warm_up_steps"#)
+        .replace("every: 500", "every: 200");
+    let expected = Run::uninterrupted(&experiment);
+    for sabotage in [Sabotage::Stop(333), Sabotage::Crash(640), Sabotage::CrashInEvaluation(1_000)] {
         let run = Run::new(&experiment, &[]);
         run.go(sabotage);
         run.go(Sabotage::None);

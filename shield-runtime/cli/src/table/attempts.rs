@@ -4,7 +4,7 @@ use comfy_table::{CellAlignment, Table, presets::UTF8_FULL_CONDENSED};
 use shield_lab::run::Summary;
 use shield_report::report::{ATTEMPT_COLUMNS, ATTEMPT_NOTE, has_attempts};
 
-use super::{Column, cell};
+use super::shown;
 
 /// A row per variant; `None` where no run has a success critic or a risk that it accepts.
 pub fn attempts(variants: &[String], runs: &[Summary]) -> Option<String> {
@@ -12,14 +12,13 @@ pub fn attempts(variants: &[String], runs: &[Summary]) -> Option<String> {
     runs.iter().find_map(attempts)?;
     let mut table = Table::new();
     table.load_preset(UTF8_FULL_CONDENSED);
-    let columns = ATTEMPT_COLUMNS.map(|(heading, figure, decimals)| Column { heading, figure, decimals });
-    let headings = columns.iter().map(|column| in_two_lines(column.heading));
-    table.set_header(["variant".to_owned(), "seeds".into()].into_iter().chain(headings));
+    let headings = ATTEMPT_COLUMNS.iter().map(|column| column.heading);
+    table.set_header(["variant", "seeds"].into_iter().chain(headings));
     for variant in variants {
         let is_of_variant = |run: &&Summary| run.variant == *variant && has_attempts(run);
         let of_variant: Vec<&Summary> = runs.iter().filter(is_of_variant).collect();
         if !of_variant.is_empty() {
-            let cells = columns.iter().map(|column| cell(column, &of_variant));
+            let cells = ATTEMPT_COLUMNS.iter().map(|column| shown(column.cell(of_variant.iter().copied())));
             table.add_row([variant.clone(), of_variant.len().to_string()].into_iter().chain(cells));
         }
     }
@@ -27,15 +26,6 @@ pub fn attempts(variants: &[String], runs: &[Summary]) -> Option<String> {
         column.set_cell_alignment(CellAlignment::Right);
     }
     Some(format!("{table}\n{ATTEMPT_NOTE}"))
-}
-
-/// Broken at the blank that is nearest to the middle.
-fn in_two_lines(heading: &str) -> String {
-    let blanks = heading.match_indices(' ').map(|(at, _)| at);
-    match blanks.min_by_key(|at| at.abs_diff(heading.len() / 2)) {
-        Some(at) => format!("{}\n{}", &heading[..at], &heading[at + 1..]),
-        None => heading.to_owned(),
-    }
 }
 
 #[cfg(test)]

@@ -142,7 +142,7 @@ fn faults_of_syntax_and_type_are_refused_with_their_place() {
     check_field("reset: @(config: ()),", "the field `plugin` is missing");
     check_field(
         "shield: (@rulse: []),",
-        "there is no field `rulse`, only `rules`, `projection`, `deadline_us`, `reset_attempts`, `reset_test`, `between_attempts`, `stop_on_reset`, `warm_up_steps`, `shield_exploration`, `on_abort` and `fallback_action`; did you mean `rules`?",
+        "there is no field `rulse`, only `rules`, `success_critic`, `projection`, `deadline_us`, `reset_attempts`, `reset_test`, `between_attempts`, `stop_on_reset`, `warm_up_steps`, `shield_exploration`, `on_abort` and `fallback_action`; did you mean `rules`?",
     );
     check_field("threads: 1, @threads: 2", "`threads` is given twice");
     check_field("threads: @-1", "expected a whole number of at least 0, found -1");
@@ -299,10 +299,6 @@ fn invalid_values_are_refused_with_their_place() {
         "evaluation: (every: 1, agent: @Reset)",
         "the mode ForwardOnly has no reset agent to evaluate",
     );
-    check_field(
-        "evaluation: (every: 1, shielded: @true)",
-        "there is no shield to evaluate behind: it takes a mode with a reset agent, and a rule",
-    );
     check(
         &EXAMPLE.replace(
             "rules: [(plugin: \"ensemble-threshold\", config: (q_min: 10.0, combine: Pessimistic))]",
@@ -398,7 +394,7 @@ fn overrides_of_the_command_line_come_last_and_errors_name_them() {
     check("name=y", "--set name=y: override `name`: expected a text, found y; a text needs quotes");
     check(
         "shield.rulse=[]",
-        "--set shield.rulse=[]: override `shield.rulse`: there is no field `rulse`, only `rules`, `projection`, `deadline_us`, `reset_attempts`, `reset_test`, `between_attempts`, `stop_on_reset`, `warm_up_steps`, `shield_exploration`, `on_abort` and `fallback_action`; did you mean `rules`?",
+        "--set shield.rulse=[]: override `shield.rulse`: there is no field `rulse`, only `rules`, `success_critic`, `projection`, `deadline_us`, `reset_attempts`, `reset_test`, `between_attempts`, `stop_on_reset`, `warm_up_steps`, `shield_exploration`, `on_abort` and `fallback_action`; did you mean `rules`?",
     );
     let steps = Override::new("steps", "0", "--steps 0").unwrap();
     let error = small("").variants(&[steps], None).unwrap_err();
@@ -572,6 +568,7 @@ Experiment(
                 config: (q_min: 5.0, combine: Pessimistic),
             ),
         ],
+        success_critic: None,
         projection: Qp(margin: 0.5, max_iterations: 3, trust_region: None, weights: None),
         deadline_us: None,
         reset_attempts: 1,
@@ -592,6 +589,9 @@ Experiment(
         bootstrap_probability: 1.0,
         on_reset_success: Bootstrap,
         on_reset_failure: Bootstrap,
+        failure_share: 0.25,
+        success_share: 0.125,
+        outcome_half_life: 100000.0,
         cost_weight: 0.0,
     ),
     evaluation: (
@@ -599,7 +599,7 @@ Experiment(
         episodes: 10,
         agent: Forward,
         start: None,
-        shielded: false,
+        shielded: true,
         solved_at: 1.0,
     ),
     checkpoint: (every: 10000),

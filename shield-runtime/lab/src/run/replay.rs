@@ -35,8 +35,8 @@ pub struct Replay {
     pub newly_allowed: u64,
     /// Actions that the run allowed, and these rules reject.
     pub newly_rejected: u64,
-    /// The threshold at the last of these decisions, of a rule that moves it.
-    pub last_threshold: Option<f64>,
+    /// The mean of the threshold over these decisions, of a rule that moves it.
+    pub mean_threshold: Option<f64>,
 }
 
 /// Lets the rules of `variant` judge every forward decision that the run at `run` recorded, through the plugins themselves. Nothing is
@@ -50,7 +50,7 @@ pub fn replay(registry: &Registry, variant: &Variant, run: &Path) -> Result<Repl
     let needs = ladder.needs();
     let mut history = if needs.undo_probabilities() { History::read(run)? } else { History::default() };
     let metrics = Metrics::default();
-    let mut replay = Replay::default();
+    let (mut replay, mut thresholds) = (Replay::default(), Vec::new());
     read_decisions(run, |row| {
         if row.phase != "forward" {
             return Ok(true);
@@ -71,12 +71,14 @@ pub fn replay(registry: &Registry, variant: &Variant, run: &Path) -> Result<Repl
         }
         metrics.drain(&mut |name, figure| {
             if is_counted && name == THRESHOLD {
-                replay.last_threshold = Some(figure);
+                thresholds.push(figure);
             }
         });
         Ok(true)
     })
     .with_context(|| format!("{} cannot be replayed", run.display()))?;
+    let sum: f64 = thresholds.iter().sum();
+    replay.mean_threshold = (!thresholds.is_empty()).then(|| sum / thresholds.len() as f64);
     Ok(replay)
 }
 

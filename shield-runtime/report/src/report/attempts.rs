@@ -9,21 +9,30 @@ use shield_lab::{
     run::{Summary, last_half, read_attempts, reliability},
 };
 
-use super::{course::rounded, record::VariantRecord};
-
-/// A column of the table of attempts: heading, figure of one run, decimals.
-pub type AttemptColumn = (&'static str, fn(&Summary) -> Option<f64>, usize);
+use super::{columns::Column, course::rounded, record::VariantRecord};
 
 /// The columns of the table of attempts.
-pub const ATTEMPT_COLUMNS: [AttemptColumn; 8] = [
-    ("attempts", |run| made(run).map(|made| made as f64), 0),
-    ("succeeded", |run| run.attempts.reset_successes.map(|count| count as f64), 0),
-    ("failed, %", |run| percent(run.attempts.realised_risk), 1),
-    ("in the last half, %", |run| percent(run.attempts.realised_risk_last_half), 1),
-    ("accepted, %", |run| percent(run.attempts.accepted_risk), 1),
-    ("Brier score", |run| run.attempts.brier_score, 3),
-    ("calibration error", |run| run.attempts.calibration_error, 3),
-    ("in the last half", |run| run.attempts.calibration_error_last_half, 3),
+pub const ATTEMPT_COLUMNS: [Column; 8] = [
+    Column { heading: "attempts", figure: |run| made(run).map(|made| made as f64), decimals: 0 },
+    Column {
+        heading: "succeeded",
+        figure: |run| run.attempts.reset_successes.map(|count| count as f64),
+        decimals: 0,
+    },
+    Column { heading: "failed,\n%", figure: |run| percent(run.attempts.realised_risk), decimals: 1 },
+    Column {
+        heading: "in the last\nhalf, %",
+        figure: |run| percent(run.attempts.realised_risk_last_half),
+        decimals: 1,
+    },
+    Column { heading: "accepted,\n%", figure: |run| percent(run.attempts.accepted_risk), decimals: 1 },
+    Column { heading: "Brier\nscore", figure: |run| run.attempts.brier_score, decimals: 3 },
+    Column { heading: "calibration\nerror", figure: |run| run.attempts.calibration_error, decimals: 3 },
+    Column {
+        heading: "in the\nlast half",
+        figure: |run| run.attempts.calibration_error_last_half,
+        decimals: 3,
+    },
 ];
 
 /// What stands below the table.
