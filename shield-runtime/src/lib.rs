@@ -18,6 +18,6 @@ pub use shield_core::{
 };
 pub use shield_host::plugin;
 #[cfg(feature = "lab")]
-pub use shield_lab::{checkpoint, evaluation, joint_loop, lanes, loop_state, observer, run};
+pub use shield_lab::{checkpoint, evaluation, joint_loop, lanes, loop_state, observer, reliability, run};
 #[cfg(feature = "report")]
 pub use shield_report::{film, report};

@@ -19,6 +19,7 @@ mod undoing;
 pub use looking::{Deliberation, Evaluated};
 pub use settings::CycleSettings;
 pub use state::{CycleState, LearnedState, UndoState, of_plugin, restore_rules, save_rules};
+pub use undoing::MOST_IDLE_ABORTS;
 
 use rand_pcg::Pcg64;
 use shield_api::{Error, metrics::Metrics};
@@ -176,7 +177,7 @@ impl ResetCycle {
         // What an environment shows that has ended may be its start.
         let is_success = role == AgentRole::Reset && !is_unknown && end != EpisodeEnd::Terminated;
         let has_reset = is_success && self.passes_reset_test(&tally);
-        self.note_outcome(&tally, end, has_reset);
+        let attempt = self.note_outcome(&tally, end, has_reset);
         self.counters.worker_restarts += u64::from(end == EpisodeEnd::WorkerLost);
         let is_over = match (&self.settings.mode, role) {
             (Mode::Shielded, AgentRole::Reset) => self.close_attempt(end, has_reset),
@@ -204,6 +205,7 @@ impl ResetCycle {
             success: tally.success,
             end,
             has_reset,
+            attempt,
             reset_value: tally.reset_value,
             hard_reset: None,
         }

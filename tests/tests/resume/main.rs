@@ -157,6 +157,25 @@ fn a_stopped_run_continues_exactly() {
 }
 
 #[test]
+fn attempts_and_the_risk_are_counted_on_exactly() {
+    let rule = r#"rules: [(plugin: "undo-probability"), "#;
+    let critic = r#"success_critic: Some((plugin: "tabular-success")), warm_up_steps"#;
+    let experiment = grid().replace("rules: [", rule).replace("warm_up_steps", critic);
+    let expected = Run::uninterrupted(&experiment);
+    let summary = String::from_utf8_lossy(&expected["summary.json"]);
+    assert!(
+        summary.contains("\"accepted_risk\":0.05") && !summary.contains("\"brier_score\":null"),
+        "{summary}"
+    );
+    for sabotage in [Sabotage::Stop(777), Sabotage::Crash(1_111)] {
+        let run = Run::new(&experiment, &[]);
+        run.go(sabotage);
+        run.go(Sabotage::None);
+        same(&expected, &run, &format!("{sabotage:?}"));
+    }
+}
+
+#[test]
 fn a_crashed_run_continues_exactly_from_its_last_checkpoint() {
     let expected = Run::uninterrupted(&grid());
     let crash = Sabotage::Crash;

@@ -101,6 +101,7 @@ impl Jury {
             forward_values: Vec::new(),
             probabilities: Vec::new(),
             greedy_probabilities: Vec::new(),
+            start_probabilities: Vec::new(),
             scores: vec![f32::NAN; jurors.len()],
         };
         Ok(Self {
@@ -130,6 +131,7 @@ impl Jury {
         for judgement in [&mut self.present, &mut self.proposed] {
             judgement.probabilities = room(self.needs.probabilities);
             judgement.greedy_probabilities = room(self.needs.greedy_probabilities);
+            judgement.start_probabilities = room(self.needs.greedy_probabilities);
         }
         self.start_probabilities = room(self.needs.greedy_probabilities);
     }
@@ -197,6 +199,9 @@ impl Jury {
     /// Keeps what was said last as said of the proposed action.
     pub fn note_proposed(&mut self) {
         self.proposed.copy_from(&self.present);
+        if self.scope != Scope::Limits && !self.is_at_start {
+            self.proposed.start_probabilities.copy_from_slice(&self.start_probabilities);
+        }
     }
 
     pub fn proposed(&self) -> &Judgement {
