@@ -7,11 +7,11 @@
 mod allocations;
 mod c;
 mod c_undo;
-mod doors;
 mod fixtures;
 mod instances;
 mod isolated;
 mod isolated_runs;
+mod loading;
 mod misbehaving;
 mod pinned;
 mod scanning;
