@@ -14,6 +14,7 @@ mod isolated_runs;
 mod loading;
 mod misbehaving;
 mod pinned;
+mod repository;
 mod scanning;
 mod trust;
 mod undo;
