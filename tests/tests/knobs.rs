@@ -91,7 +91,7 @@ fn every_field_of_an_experiment_changes_a_run_in_the_gridworld() {
 #[test]
 fn a_named_start_and_a_shielded_evaluation_change_a_run_of_the_cart() {
     // A threshold that rejects greedy actions too, else a shielded evaluation has nothing to do.
-    all_change(&cart(600, "").replace("q_min: 1.0", "q_min: 1e6"), &["evaluation.shielded=true"]);
+    all_change(&cart(600, "").replace("q_min: 1.0", "q_min: 1e6"), &["evaluation.shielded=false"]);
     all_change(&cart(600, ""), &["environment.config.fall_cost=3.0"]);
     all_change(&cart(600, ""), &["evaluation.start=Some(\"goal\")", "mode=ResetOnly(start: Some(\"goal\"))"]);
 }

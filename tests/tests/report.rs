@@ -119,6 +119,10 @@ fn dimensions_can_be_chosen_and_unknown_ones_are_refused() {
     let record = record(&folder.path().join("kept.json"));
     let points = &record["variants"][0]["runs"][0]["aborts"]["Points"];
     assert_eq!(points["dimensions"], serde_json::json!([2, 0]));
+    let page = fs::read_to_string(folder.path().join("runs/cart/report.html")).unwrap();
+    for axis in ["dimension 2 of the observation", "dimension 0 of the observation"] {
+        assert!(page.contains(axis), "the heat map does not say that it shows {axis}");
+    }
     for (source, dimensions, expected) in [
         ("runs/cart", "0,99", "there is no 99"),
         ("runs/cart", "0", "two numbers"),

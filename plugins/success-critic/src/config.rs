@@ -20,7 +20,7 @@ shield_api::config! {
         /// P everywhere before anything was learned, above 0 and below 1 (chosen: trusts what it does not know).
         initial_probability: f64 = 0.88,
         /// Scales observations by the running mean and variance of the batches (as the learners do).
-        normalise_observations: bool = false,
+        normalise_observations: bool = true,
     }
 }
 

@@ -18,24 +18,26 @@ use crate::{
 shield_api::config! {
     /// Settings of the rule.
     pub struct Config {
-        /// The share of attempts to reset that may fail, between 0 and 1. None: 0.2, unless hard_resets_per_1000 is set.
+        /// The share of attempts to reset that may fail, between 0 and 1. None: 0.05, unless hard_resets_per_1000 is set.
         accepted_risk: Option<f32> = None,
         /// Instead of a share, a budget: how many attempts may fail per 1,000 environment steps. Each of them costs a hard reset.
         hard_resets_per_1000: Option<f32> = None,
         /// How the members' probabilities become one: Optimistic (the largest), Realist (the mean), Pessimistic (the smallest),
         /// Quantile(q) (0 is the smallest, 1 the largest) or KOfN(k) (so many members must agree).
-        combine: Combine = Combine::Realist => "Realist",
+        combine: Combine = Combine::Pessimistic => "Pessimistic",
         /// The threshold follows the outcomes of attempts, so that the accepted risk is kept (Gibbs and Candès 2021).
         adapt: bool = true,
         /// η: how far one outcome moves the threshold.
         adaptation_rate: f32 = 0.05,
-        /// The threshold before the first attempt; without adaptation, for ever.
-        initial_threshold: f32 = 0.5,
-        floor: f32 = 0.0,
+        /// The threshold before the first attempt, and the least after one that failed; without adaptation, for ever.
+        initial_threshold: f32 = 0.8,
         /// The threshold is a share of the undo probability at the start of the reset cycle; else it is a probability itself.
         relative: bool = true,
     }
 }
+
+/// A loss of probability that is never worth an abort. Where the way back is out of reach anyhow, less than that is at stake.
+const NEGLIGIBLE: f64 = 0.02;
 
 /// The rule, with what became of the attempts so far.
 #[derive(Debug)]
@@ -96,13 +98,12 @@ impl UndoProbability {
     /// The least undo probability at which an action is executed.
     fn required(&self, context: &RuleContext<'_>) -> Result<f32> {
         let (start, members) = (context.start_probabilities, context.probabilities.len());
-        let measure = if self.is_relative {
-            require_probabilities("start_probabilities", start, members)?;
-            f64::from(self.combine.value(start)?)
-        } else {
-            1.0
-        };
-        Ok((self.threshold() * measure) as f32)
+        if !self.is_relative {
+            return Ok(self.threshold() as f32);
+        }
+        require_probabilities("start_probabilities", start, members)?;
+        let start = f64::from(self.combine.value(start)?);
+        Ok((self.threshold() * start).min(start - NEGLIGIBLE) as f32)
     }
 
     /// Whether the reset agent, taking over now, would be no safer than it is after the proposed action.

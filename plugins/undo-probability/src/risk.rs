@@ -5,7 +5,7 @@ use shield_api::{Error, ObservedAttempt, Result};
 use crate::Config;
 
 /// The accepted risk where the user sets none.
-const ACCEPTED_RISK: f32 = 0.2;
+const ACCEPTED_RISK: f32 = 0.05;
 
 /// How many of the last attempts the realised risk is taken over.
 const WINDOW: u64 = 100;
@@ -38,7 +38,7 @@ pub struct Adaptation {
     accepted: Accepted,
     /// η.
     rate: f64,
-    floor: f64,
+    /// The least threshold after a failure.
     initial: f64,
 }
 
@@ -61,7 +61,8 @@ impl Adaptation {
             return Err(Error::invalid_config(message).in_field("adaptation_rate"));
         }
         let accepted = accepted(accepted_risk, hard_resets_per_1000)?;
-        Ok(adapt.then_some(Self { accepted, rate: f64::from(adaptation_rate), floor: f64::from(config.floor), initial: f64::from(config.initial_threshold) }))
+        let (rate, initial) = (f64::from(adaptation_rate), f64::from(config.initial_threshold));
+        Ok(adapt.then_some(Self { accepted, rate, initial }))
     }
 }
 
@@ -115,13 +116,14 @@ impl History {
         self.last_step.get_or_insert(step);
     }
 
-    /// Takes note of an attempt: θ ← θ + η (failed − accepted), within [0, 1].
+    /// Takes note of an attempt: θ ← θ + η (failed − accepted), at least 0, at most 1, and after a failure at least θ₀.
     pub fn record(&mut self, attempt: &ObservedAttempt, adaptation: Option<&Adaptation>) {
         let failed = u8::from(!attempt.succeeded);
         let steps = attempt.step.saturating_sub(self.last_step.unwrap_or(attempt.step));
-        if let Some(Adaptation { accepted, rate, floor, initial }) = adaptation {
+        if let Some(Adaptation { accepted, rate, initial }) = adaptation {
             let moved = self.threshold + rate * (f64::from(failed) - accepted.share(steps));
-            self.threshold = moved.clamp(if failed > 0 { *initial } else { *floor }, 1.0);
+            let least = if attempt.succeeded { 0.0 } else { *initial };
+            self.threshold = moved.clamp(least, 1.0);
         }
         self.last_step = Some(attempt.step);
         self.attempts += 1;

@@ -42,15 +42,19 @@ fn saved(rule: &UndoProbability) -> Vec<u8> {
 #[test]
 fn an_action_is_executed_where_it_can_be_undone_often_enough() {
     for (config, now, start, is_allowed) in [
-        ("()", 0.5, 1.0, true),
-        ("()", 0.49, 1.0, false),
-        ("(initial_threshold: 0.8)", 0.79, 1.0, false),
+        ("()", 0.8, 1.0, true),
+        ("()", 0.79, 1.0, false),
+        ("(initial_threshold: 0.5)", 0.5, 1.0, true),
         // Of a start from which only 4 of 10 resets succeed, half is 2 of 10.
-        ("()", 0.2, 0.4, true),
-        ("()", 0.19, 0.4, false),
-        ("(relative: false)", 0.2, 0.4, false),
-        ("(relative: false)", 0.5, 0.0, true),
+        ("(initial_threshold: 0.5)", 0.2, 0.4, true),
+        ("(initial_threshold: 0.5)", 0.19, 0.4, false),
+        ("(relative: false)", 0.7, 0.4, false),
+        ("(relative: false)", 0.8, 0.0, true),
         ("(initial_threshold: 1.0)", 0.4, 0.4, true),
+        // A loss of 0.02 is never worth an abort.
+        ("(initial_threshold: 1.0)", 0.385, 0.4, true),
+        ("(initial_threshold: 1.0)", 0.375, 0.4, false),
+        ("()", 0.0, 0.02, true),
         ("(initial_threshold: 0.0, relative: false)", 0.0, 1.0, true),
         ("(adapt: false, initial_threshold: 0.3)", 0.3, 1.0, true),
     ] {
@@ -69,7 +73,7 @@ fn each_way_to_combine_is_used_for_the_action_and_for_the_start() {
         ("KOfN(2)", 0.4, Verdict::Allow),
         ("KOfN(3)", 0.1, Verdict::Reject),
     ] {
-        let (judged, _) = judge(&rule(&format!("(combine: {combine})")), &context(&now, &[1.0; 3], &start));
+        let (judged, _) = judge(&rule(&format!("(initial_threshold: 0.5, combine: {combine})")), &context(&now, &[1.0; 3], &start));
         assert_eq!((judged.score, judged.verdict), (score, verdict), "{combine}");
     }
 }
@@ -129,7 +133,7 @@ fn an_action_that_is_not_finite_or_missing_probabilities_are_errors() {
 fn a_rejection_says_how_many_such_actions_could_be_undone() {
     let (_, reason) = judge(&rule("(initial_threshold: 0.8)"), &context(&[0.6], &[0.9], &[1.0]));
     assert_eq!(reason, "6 of 10 such actions could be undone; 8 of 10 are required");
-    let (_, reason) = judge(&rule("()"), &context(&[0.6], &[0.9], &[1.0]));
+    let (_, reason) = judge(&rule("()"), &context(&[0.8], &[0.9], &[1.0]));
     assert_eq!(reason, "");
 }
 
@@ -163,12 +167,15 @@ fn every_setting_out_of_range_or_without_effect_is_refused() {
 #[test]
 fn each_outcome_moves_the_threshold_by_what_was_not_accepted() {
     for (config, outcomes, expected) in [
-        ("()", &[true][..], 0.5 - 0.05 * 0.2),
-        ("()", &[false], 0.5 + 0.05 * 0.8),
-        ("(accepted_risk: 0.4, adaptation_rate: 0.5)", &[false], 0.5 + 0.5 * 0.6),
-        ("(adaptation_rate: 1.0)", &[false, true, true], 0.6),
+        ("()", &[true][..], 0.8 - 0.05 * 0.05),
+        ("()", &[false], 0.8 + 0.05 * 0.95),
+        ("(accepted_risk: 0.4, adaptation_rate: 0.5, initial_threshold: 0.5)", &[false], 0.5 + 0.5 * 0.6),
+        ("(accepted_risk: 0.2, adaptation_rate: 1.0)", &[false, true, true], 0.6),
         ("(initial_threshold: 0.0)", &[true], 0.0),
-        ("(adapt: false)", &[false, false, true], 0.5),
+        ("(adapt: false)", &[false, false, true], 0.8),
+        // However far it had come down, a failure brings it back to its beginning.
+        ("(accepted_risk: 0.2, adaptation_rate: 0.1)", &[true, true, true, true, true, false], 0.8),
+        ("()", &[false, false, false, false, false], 1.0),
     ] {
         let mut rule = rule(config);
         end_attempts(&mut rule, outcomes);
@@ -224,12 +231,27 @@ fn the_realised_risk_is_the_accepted_one_whatever_the_critic_says() {
     let (timid, daring) = (|p: f64| (1.0 - p).powi(2), |p: f64| 1.0 - p.powi(2));
     for (name, failure) in [("too timid", timid as fn(f64) -> f64), ("too daring", daring)] {
         for accepted in [0.1, 0.2, 0.4] {
-            let mut rule = rule(&format!("(accepted_risk: {accepted}, adaptation_rate: 0.02)"));
+            let free = "combine: Realist, initial_threshold: 0.0, adaptation_rate: 0.02";
+            let mut rule = rule(&format!("(accepted_risk: {accepted}, {free})"));
             let (failures, _) = play(&mut rule, ATTEMPTS, failure);
-            // Gibbs and Candès 2021, proposition 4.1, for a threshold that never leaves [0, 1].
-            let bound = 1.0 / (0.02 * ATTEMPTS as f64);
+            // Gibbs and Candès 2021, proposition 4.1, for a threshold that never leaves [0, 1]; a daring critic drives it to 1 at times.
+            let bound = 1.0 / (0.02 * ATTEMPTS as f64) + 0.01;
             let realised = failures as f64 / ATTEMPTS as f64;
             assert!((realised - accepted).abs() < bound, "{name}, {accepted}: {realised}");
+        }
+    }
+}
+
+#[test]
+fn a_threshold_that_returns_after_failures_keeps_the_realised_risk_below_the_accepted_one() {
+    const ATTEMPTS: u64 = 4_000;
+    let (timid, daring) = (|p: f64| (1.0 - p).powi(2), |p: f64| 1.0 - p.powi(2));
+    for (name, failure) in [("too timid", timid as fn(f64) -> f64), ("too daring", daring)] {
+        for accepted in [0.1, 0.2, 0.4] {
+            let (failures, _) =
+                play(&mut rule(&format!("(accepted_risk: {accepted})")), ATTEMPTS, failure);
+            let realised = failures as f64 / ATTEMPTS as f64;
+            assert!(realised < accepted + 0.03, "{name}, {accepted}: {realised}");
         }
     }
 }
@@ -246,7 +268,8 @@ fn attempts_that_fail_at_the_highest_threshold_are_not_made_up_for() {
 #[test]
 fn the_budget_of_hard_resets_is_kept() {
     for budget in [2.0, 3.0, 5.0] {
-        let mut rule = rule(&format!("(hard_resets_per_1000: {budget:?}, adaptation_rate: 0.02)"));
+        let free = "initial_threshold: 0.0, adaptation_rate: 0.02";
+        let mut rule = rule(&format!("(hard_resets_per_1000: {budget:?}, {free})"));
         let (failures, steps) = play(&mut rule, 4_000, |p| 1.0 - p);
         let allowance = budget * steps as f64 / 1000.0;
         assert!((failures as f64 - allowance).abs() < 1.0 / 0.02, "{budget}: {failures} of {allowance}");
@@ -262,10 +285,10 @@ fn a_rule_that_aborts_at_the_start_unlocks_itself() {
         assert_eq!(rule.threshold(), 1.0);
         // To abort where nothing has to be undone is an attempt that succeeds, one step later.
         let mut step = 0;
-        while !allows(&rule, 0.095, 0.1) {
+        while !allows(&rule, 0.8, 0.9) {
             step += 1;
             rule.observe_attempt(&ObservedAttempt { step, succeeded: true }).unwrap();
-            assert!(step < 1_000, "{config}");
+            assert!(step < 2_000, "{config}");
         }
         assert!(step > 0);
     }
@@ -297,18 +320,20 @@ fn the_realised_risk_is_that_of_the_last_100_attempts() {
 #[test]
 fn rows_hold_where_the_linearised_probability_suffices() {
     // Around 0.5: P₀ = 0.3 + 0.4 (a − 0.5) and P₁ = 0.2 − 0.2 (a − 0.5); half of 0.8 is required.
+    const HALF: &str = "initial_threshold: 0.5";
     let context = context(&[0.3, 0.2], &[0.9; 2], &[0.8; 2]);
-    let found = |config: &str| rows(&rule(config), &context, &[0.4, -0.2]).unwrap();
+    let found =
+        |config: &str| rows(&rule(&format!("({HALF}, {config})")), &context, &[0.4, -0.2]).unwrap();
     let near = |found: &[(Vec<f32>, f32)], expected: &[(f32, f32)]| {
         assert_eq!(found.len(), expected.len(), "{found:?}");
         for ((row, bound), (slope, limit)) in found.iter().zip(expected) {
             assert!((row[0] - slope).abs() < 1e-6 && (bound - limit).abs() < 1e-6, "{found:?}");
         }
     };
-    near(&found("()"), &[(-0.1, 0.25 - 0.05 - 0.4)]);
-    near(&found("(combine: Pessimistic)"), &[(-0.4, 0.3 - 0.2 - 0.4), (0.2, 0.2 + 0.1 - 0.4)]);
-    near(&found("(combine: Optimistic)"), &[(-0.4, 0.3 - 0.2 - 0.4)]);
-    near(&found("(relative: false)"), &[(-0.1, 0.25 - 0.05 - 0.5)]);
+    near(&found("combine: Realist"), &[(-0.1, 0.25 - 0.05 - 0.4)]);
+    near(&found("combine: Pessimistic"), &[(-0.4, 0.3 - 0.2 - 0.4), (0.2, 0.2 + 0.1 - 0.4)]);
+    near(&found("combine: Optimistic"), &[(-0.4, 0.3 - 0.2 - 0.4)]);
+    near(&found("combine: Realist, relative: false"), &[(-0.1, 0.25 - 0.05 - 0.5)]);
 }
 
 #[test]

@@ -5,7 +5,8 @@ use std::path::{Path, PathBuf};
 use clap::{Args, ValueEnum};
 use comfy_table::{CellAlignment, Table, presets::UTF8_FULL_CONDENSED};
 use serde::Serialize;
-use shield_config::experiment::Override;
+use shield_config::experiment::{Mode, Override};
+use shield_core::events::{EvaluationEvent, EvaluationFigures};
 use shield_host::plugin::Registry;
 use shield_lab::run::{Restored, RunFolder, restore};
 
@@ -20,10 +21,10 @@ pub struct EvalArguments {
     /// Episodes of each run.
     #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u32).range(1..))]
     episodes: u32,
-    /// Lets the shield stand between the agent and the world: a rejected action gives way to the reset agent's.
+    /// Leaves out runs that have no shield. The others are evaluated with it, and from the same seeds without it, in any case.
     #[arg(long)]
     shielded: bool,
-    /// Whose episodes they are. The reset agent's return is its own reward, its success the reset set.
+    /// Whose episodes they are. The reset agent's, without the shield: its return is its own reward, its success the reset set.
     #[arg(long, value_enum, default_value_t = Who::Forward)]
     agent: Who,
     /// The named start of each episode, instead of the usual one.
@@ -49,11 +50,13 @@ struct Evaluated {
     /// Training steps of the agents.
     step: u64,
     episodes: u32,
-    mean_return: f64,
-    success_rate: f64,
-    irreversible_entries: u64,
-    /// Steps of all episodes together.
-    steps: u64,
+    /// With the shield, where there is one.
+    #[serde(flatten)]
+    figures: EvaluationFigures,
+    mean_return_without_shield: Option<f64>,
+    success_rate_without_shield: Option<f64>,
+    irreversible_entries_without_shield: Option<u64>,
+    steps_without_shield: Option<u64>,
 }
 
 /// Evaluates every run that can be, and prints what came out.
@@ -66,12 +69,18 @@ pub fn run(arguments: &EvalArguments, registry: &Registry) -> Result<(), Failure
     let (mut evaluated, mut left_out) = (Vec::new(), Vec::new());
     for folder in &folders {
         match restore(registry, folder, std::slice::from_ref(&settings)) {
+            Ok(restored) if arguments.shielded && restored.variant.experiment.mode != Mode::Shielded => {
+                left_out.push(format!("{}: there is no shield", folder.path().display()));
+            }
             Ok(restored) => evaluated.push(evaluate(restored, folder, arguments.episodes)?),
             Err(error) => left_out.push(format!("{}: {error:#}", folder.path().display())),
         }
     }
     if evaluated.is_empty() {
-        return Err(Failure::Input(format!("no run can be evaluated so:\n  {}", left_out.join("\n  "))));
+        return Err(Failure::Input(format!(
+            "no run can be evaluated with these options:\n  {}",
+            left_out.join("\n  ")
+        )));
     }
     for reason in left_out {
         output::message(format_args!("warning: left out: {reason}"));
@@ -109,11 +118,9 @@ pub fn one_run(path: &Path) -> Result<RunFolder, Failure> {
 
 /// The evaluation of the experiment gives way to that of the arguments.
 fn settings(arguments: &EvalArguments) -> Result<Override, Failure> {
-    let EvalArguments { episodes, shielded, agent, start, .. } = arguments;
+    let EvalArguments { episodes, agent, start, .. } = arguments;
     let start = start.as_ref().map_or("None".to_owned(), |start| format!("Some({start:?})"));
-    let value = format!(
-        "Some((every: 1, episodes: {episodes}, agent: {agent:?}, start: {start}, shielded: {shielded}))"
-    );
+    let value = format!("Some((every: 1, episodes: {episodes}, agent: {agent:?}, start: {start}))");
     Ok(Override::new("evaluation", &value, "the arguments of `shield eval`")?)
 }
 
@@ -123,19 +130,20 @@ fn evaluate(restored: Restored, folder: &RunFolder, episodes: u32) -> Result<Eva
     let Some(evaluator) = &mut participants.evaluator else {
         return Err(Failure::Run("the experiment has no evaluation".into()));
     };
-    let record = evaluator
+    let EvaluationEvent { step, figures, without_shield: bare } = evaluator
         .run(state.counters().steps, participants.agents.agents())
         .map_err(|error| Failure::Run(format!("{}: {error}", folder.path().display())))?;
     Ok(Evaluated {
         run: folder.path().display().to_string(),
         variant: identity.variant,
         seed: identity.seed,
-        step: record.step,
+        step,
         episodes,
-        mean_return: record.mean_return,
-        success_rate: record.success_rate,
-        irreversible_entries: record.irreversible_entries,
-        steps: record.steps,
+        figures,
+        mean_return_without_shield: bare.map(|bare| bare.mean_return),
+        success_rate_without_shield: bare.map(|bare| bare.success_rate),
+        irreversible_entries_without_shield: bare.map(|bare| bare.irreversible_entries),
+        steps_without_shield: bare.map(|bare| bare.steps),
     })
 }
 
@@ -148,6 +156,7 @@ fn table(evaluated: &[Evaluated]) -> String {
         "trained\nsteps",
         "episodes",
         "mean\nreturn",
+        "without\nthe shield",
         "success,\n%",
         "irreversible\nentries",
         "mean\nlength",
@@ -158,10 +167,11 @@ fn table(evaluated: &[Evaluated]) -> String {
             row.seed.to_string(),
             row.step.to_string(),
             row.episodes.to_string(),
-            format!("{:.2}", row.mean_return),
-            format!("{:.0}", row.success_rate * 100.0),
-            row.irreversible_entries.to_string(),
-            format!("{:.0}", row.steps as f64 / f64::from(row.episodes)),
+            format!("{:.2}", row.figures.mean_return),
+            row.mean_return_without_shield.map_or("–".into(), |mean| format!("{mean:.2}")),
+            format!("{:.0}", row.figures.success_rate * 100.0),
+            row.figures.irreversible_entries.to_string(),
+            format!("{:.0}", row.figures.steps as f64 / f64::from(row.episodes)),
         ]);
     }
     for column in table.column_iter_mut().skip(1) {

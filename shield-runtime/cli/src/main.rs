@@ -40,7 +40,7 @@ Examples:
   shield resume runs/quickstart                            go on with what was stopped or killed
   shield explain runs/mine/shielded/seed-0 --step 1234     why an action was rejected
   shield what-if runs/mine/shielded/seed-0 --q-min 5,10    what another threshold would have rejected
-  shield eval runs/quickstart --episodes 100 --shielded    how good the agents are, behind the shield
+  shield eval runs/quickstart --episodes 100               how good the agents are, with the shield and without
   shield report runs/quickstart --png pictures             a page with figures, and these as files
   shield export runs/mine/shielded/seed-0                  weights and policies for other programs
   shield plugin list                                       what can be named in an experiment

@@ -85,7 +85,7 @@ impl Observer for Progress {
 
     fn on_evaluation(&mut self, evaluation: &EvaluationEvent, _counters: &Counters) -> Result<()> {
         self.has_evaluation = true;
-        self.last_return = evaluation.mean_return;
+        self.last_return = evaluation.figures.mean_return;
         Ok(())
     }
 }

@@ -87,11 +87,13 @@ impl<'a> Session<'a> {
     /// Makes every run that is not finished, and prints the table of all.
     pub fn work(&self, jobs: Vec<Job>) -> Result<(), Failure> {
         let total = jobs.len();
-        let mut names: Vec<String> = Vec::new();
-        for job in &jobs {
-            if !names.contains(&job.variant.name) {
-                names.push(job.variant.name.clone());
+        let (mut names, mut bare): (Vec<String>, Vec<String>) = (Vec::new(), Vec::new());
+        for Variant { name, experiment, .. } in jobs.iter().map(|job| &job.variant) {
+            if names.contains(name) {
+                continue;
             }
+            names.push(name.clone());
+            bare.extend(experiment.is_evaluated_without_its_shield().then(|| name.clone()));
         }
         let goes_on = match jobs.iter().all(|job| job.variant.experiment.checkpoint.is_some()) {
             true => "the same command again goes on from here",
@@ -104,7 +106,7 @@ impl<'a> Session<'a> {
 
         let Outcomes { summaries, failures } = outcomes;
         if !summaries.is_empty() {
-            output::note(table::results(&names, &summaries));
+            output::note(table::results(&names, &bare, &summaries));
         }
         if !failures.is_empty() {
             let list = failures.join("\n  ");

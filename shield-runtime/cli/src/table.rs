@@ -2,57 +2,31 @@
 
 use comfy_table::{CellAlignment, Table, presets::UTF8_FULL_CONDENSED};
 use shield_lab::run::Summary;
-use shield_report::report::{median, show};
+use shield_report::report::{COLUMNS, Cell, Column, forward_share, median};
 
-/// A column: its heading, the figure of one run, and how many decimals it has.
-struct Column {
-    heading: &'static str,
-    figure: fn(&Summary) -> Option<f64>,
-    decimals: usize,
-}
-
-const COLUMNS: [Column; 9] = [
-    Column { heading: "steps", figure: |run| Some(run.steps as f64), decimals: 0 },
-    Column { heading: "of them\nforward, %", figure: |run| Some(forward_share(run) * 100.0), decimals: 0 },
-    Column { heading: "early\naborts", figure: |run| Some(run.early_aborts as f64), decimals: 0 },
-    Column { heading: "hard\nresets", figure: |run| Some(run.hard_resets as f64), decimals: 0 },
-    Column {
-        heading: "irreversible\nentries",
-        figure: |run| Some(run.irreversible_entries as f64),
-        decimals: 0,
-    },
-    Column { heading: "final\nreturn", figure: |run| run.final_return, decimals: 2 },
-    Column { heading: "best\nreturn", figure: |run| run.best_return, decimals: 2 },
-    Column { heading: "success,\n%", figure: |run| run.success_rate.map(|rate| rate * 100.0), decimals: 0 },
-    Column {
-        heading: "steps\nto solve",
-        figure: |run| run.steps_to_solve.map(|steps| steps as f64),
-        decimals: 0,
-    },
-];
-
-fn forward_share(run: &Summary) -> f64 {
-    run.forward_steps as f64 / (run.steps.max(1)) as f64
-}
-
-/// A row per variant, in the order of the experiment: medians over the seeds, and the range where it is not a point.
-pub fn results(variants: &[String], runs: &[Summary]) -> String {
+/// A row per variant, in the order of the experiment: medians over the seeds, and the range where it is not a point. `bare` are the variants
+/// that were evaluated without their shield only.
+pub fn results(variants: &[String], bare: &[String], runs: &[Summary]) -> String {
+    let columns: Vec<&Column> = COLUMNS.iter().filter(|column| column.has_figures(runs)).collect();
     let mut table = Table::new();
     table.load_preset(UTF8_FULL_CONDENSED);
-    table.set_header(["variant", "seeds"].into_iter().chain(COLUMNS.iter().map(|column| column.heading)));
+    table.set_header(["variant", "seeds"].into_iter().chain(columns.iter().map(|column| column.heading)));
     let mut notes = String::new();
     for variant in variants {
         let of_variant: Vec<&Summary> = runs.iter().filter(|run| run.variant == *variant).collect();
         if of_variant.is_empty() {
             continue;
         }
-        let cells = COLUMNS.iter().map(|column| cell(column, &of_variant));
+        let cells = columns.iter().map(|column| shown(column.cell(of_variant.iter().copied())));
         table.add_row([variant.clone(), of_variant.len().to_string()].into_iter().chain(cells));
         let shares: Vec<f64> = of_variant.iter().map(|run| forward_share(run)).collect();
         if median(&shares) < 0.5 && of_variant.iter().any(|run| run.early_aborts > 0) {
             notes += &format!(
                 "\nnote: {variant} spent less than half of its steps forward; its hard resets do not compare with the others'."
             );
+        }
+        if bare.contains(variant) {
+            notes += &format!("\nnote: {variant} was evaluated without its shield only.");
         }
         if of_variant.iter().any(|run| !run.complete) {
             notes += &format!("\nnote: {variant} was stopped before its last step.");
@@ -62,20 +36,14 @@ pub fn results(variants: &[String], runs: &[Summary]) -> String {
         column.set_cell_alignment(CellAlignment::Right);
     }
     format!(
-        "{table}\nEach figure is the median over the seeds, with the smallest and the largest below. Return and success: greedy, of the last evaluation.{notes}"
+        "{table}\nEach figure is the median over the seeds, with the smallest and the largest below. Return, success and steps to solve: greedy\n\
+         episodes from the start, with the shield where there is one. Without the shield: the final return of the same episodes without it.{notes}"
     )
 }
 
-fn cell(column: &Column, runs: &[&Summary]) -> String {
-    let mut figures: Vec<f64> = runs.iter().filter_map(|run| (column.figure)(run)).collect();
-    if figures.is_empty() {
-        return "-".into();
-    }
-    figures.sort_by(f64::total_cmp);
-    let show = |figure: f64| show(figure, column.decimals);
-    let (low, high) = (show(figures[0]), show(figures[figures.len() - 1]));
-    let middle = show(median(&figures));
-    if low == high { middle } else { format!("{middle}\n{low} to {high}") }
+/// The range stands below the median.
+fn shown(Cell { median, range }: Cell) -> String {
+    if range.is_empty() { median } else { format!("{median}\n{range}") }
 }
 
 #[cfg(test)]
@@ -95,10 +63,33 @@ mod tests {
     #[test]
     fn a_variant_is_summed_up_by_median_and_range() {
         let runs = [run("a", 1, 80), run("b", 7, 30), run("a", 3, 80), run("a", 9, 80)];
-        let text = results(&["a".into(), "b".into()], &runs);
+        let text = results(&["a".into(), "b".into()], &[], &runs);
         assert!(text.contains("1 to 9"), "{text}");
-        let even = results(&["a".into()], &[run("a", 2, 80), run("a", 3, 80)]);
+        let even = results(&["a".into()], &[], &[run("a", 2, 80), run("a", 3, 80)]);
         assert!(even.contains("2.5") && even.contains("2 to 3"), "{even}");
         assert!(text.contains("note: b spent less than half") && !text.contains("note: a"), "{text}");
+    }
+
+    #[test]
+    fn the_return_with_the_shield_stands_before_the_one_without() {
+        let evaluated = |variant: &str, bare: Option<f64>| Summary {
+            final_return: Some(65.25),
+            final_return_without_shield: bare,
+            steps_to_solve: Some(100),
+            solved: Some(false),
+            ..run(variant, 1, 80)
+        };
+        let names = ["shielded".to_owned(), "status-quo".to_owned()];
+        let text = results(&names, &[], &[evaluated("shielded", Some(9.5)), evaluated("status-quo", None)]);
+        let row = |name: &str| text.lines().find(|line| line.starts_with(&format!("│ {name} "))).unwrap();
+        let of_shielded = row("shielded");
+        assert!(of_shielded.find("65.25").unwrap() < of_shielded.find("9.50").unwrap(), "{text}");
+        assert!(row("status-quo").contains('–') && of_shielded.contains("never"), "{text}");
+
+        let alone = results(&names[..1], &names[..1], &[evaluated("shielded", None)]);
+        assert!(
+            !alone.contains("the shield │") && alone.contains("note: shielded was evaluated without"),
+            "{alone}"
+        );
     }
 }

@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use shield_api::Error;
 
 use crate::{
-    state_file::{CheckpointError, read, write},
+    state_file::{CheckpointError, DROP_IN, read, write},
     tensorboard::EventFile,
 };
 use shield_core::{
@@ -38,7 +38,7 @@ pub enum StateError {
 /// A plugin fails to save its state, or the file cannot be written.
 pub fn save(drop_in: &mut DropIn, path: &Path) -> Result<(), StateError> {
     let state = drop_in.state().map_err(StateError::Plugin)?;
-    Ok(write(&absolute(path)?, None, &state)?)
+    Ok(write(&absolute(path)?, DROP_IN, None, &state)?)
 }
 
 /// Goes on from a file of a shield with the same spaces, reset agent, rules and reset task; the settings of the rules may differ. Where the
@@ -50,7 +50,7 @@ pub fn save(drop_in: &mut DropIn, path: &Path) -> Result<(), StateError> {
 pub fn load(drop_in: &mut DropIn, path: &Path) -> Result<(), StateError> {
     drop_in.require_hard_reset(HardResetDue::Lost);
     let path = absolute(path)?;
-    let state: DropInState = read(&path)?;
+    let state: DropInState = read(&path, DROP_IN)?;
     drop_in.restore(state).map_err(|error| match error {
         RestoreError::Foreign(what) => StateError::Foreign { path: path.display().to_string(), what },
         RestoreError::Plugin(error) => StateError::Plugin(error),

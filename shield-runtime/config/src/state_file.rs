@@ -12,8 +12,10 @@ use shield_api::regular_file;
 use crate::atomic_file::AtomicFile;
 
 const MAGIC: &[u8; 8] = b"SHIELDCP";
-/// To be raised with every change of what is saved: the body does not describe itself.
-const VERSION: u32 = 2;
+/// Format of a run's checkpoint. To be raised with every change of what is saved, as the next one is: a body does not describe itself.
+pub const RUN: u32 = 3;
+/// Format of what a drop-in has learned.
+pub const DROP_IN: u32 = 2;
 /// Magic, version, length of the body, its checksum.
 const HEADER: usize = 8 + 4 + 8 + 4;
 
@@ -38,12 +40,14 @@ pub enum CheckpointError {
         path: PathBuf,
     },
     /// Another version of the program wrote it.
-    #[error("{path} has checkpoint format {found}, this program reads format {VERSION}")]
+    #[error("{path} has checkpoint format {found}, this program reads format {read}")]
     Version {
         /// The file.
         path: PathBuf,
         /// Its format.
         found: u32,
+        /// The one that it should have.
+        read: u32,
     },
     /// It is incomplete or damaged.
     #[error("{path} is damaged: {what}")]
@@ -128,15 +132,15 @@ impl CheckpointError {
     }
 }
 
-/// Writes `body` to `path` in one step: whoever reads finds the old file or the new one. The old one becomes `previous`, if that is given.
-pub fn write(path: &Path, previous: Option<&Path>, body: &impl Serialize) -> Result<()> {
+/// Writes `body` to `path` in one step: a reader finds the old file or the new one. The old one becomes `previous`, if that is given.
+pub fn write(path: &Path, format: u32, previous: Option<&Path>, body: &impl Serialize) -> Result<()> {
     let mut bytes = vec![0; HEADER];
     bytes = postcard::to_extend(body, bytes)
         .map_err(|error| CheckpointError::io(path, io::Error::other(error)))?;
     let length = (bytes.len() - HEADER) as u64;
     let checksum = crc32fast::hash(&bytes[HEADER..]);
     bytes[..8].copy_from_slice(MAGIC);
-    bytes[8..12].copy_from_slice(&VERSION.to_le_bytes());
+    bytes[8..12].copy_from_slice(&format.to_le_bytes());
     bytes[12..20].copy_from_slice(&length.to_le_bytes());
     bytes[20..24].copy_from_slice(&checksum.to_le_bytes());
 
@@ -153,8 +157,8 @@ pub fn write(path: &Path, previous: Option<&Path>, body: &impl Serialize) -> Res
     path.parent().map_or(Ok(()), sync_folder)
 }
 
-/// Reads what [`write`] wrote.
-pub fn read<T: DeserializeOwned>(path: &Path) -> Result<T> {
+/// Reads what [`write`] wrote in the same format.
+pub fn read<T: DeserializeOwned>(path: &Path, format: u32) -> Result<T> {
     let bytes = regular_file::read(path).map_err(|error| CheckpointError::io(path, error))?;
     let torn = |what| CheckpointError::Torn { path: path.to_owned(), what };
     if !bytes.starts_with(MAGIC) {
@@ -163,8 +167,8 @@ pub fn read<T: DeserializeOwned>(path: &Path) -> Result<T> {
     let mut rest = &bytes[MAGIC.len()..];
     let cut = || torn("it ends too early");
     let found = u32::from_le_bytes(take(&mut rest).ok_or_else(cut)?);
-    if found != VERSION {
-        return Err(CheckpointError::Version { path: path.to_owned(), found });
+    if found != format {
+        return Err(CheckpointError::Version { path: path.to_owned(), found, read: format });
     }
     let length = u64::from_le_bytes(take(&mut rest).ok_or_else(cut)?);
     let checksum = u32::from_le_bytes(take(&mut rest).ok_or_else(cut)?);
@@ -200,7 +204,7 @@ mod tests {
     fn written() -> (tempfile::TempDir, PathBuf, Vec<u8>) {
         let folder = tempfile::tempdir().unwrap();
         let path = folder.path().join("latest.bin");
-        write(&path, Some(&folder.path().join("previous.bin")), &vec![7u32; 50]).unwrap();
+        write(&path, RUN, Some(&folder.path().join("previous.bin")), &vec![7u32; 50]).unwrap();
         let bytes = fs::read(&path).unwrap();
         (folder, path, bytes)
     }
@@ -209,9 +213,9 @@ mod tests {
     fn a_written_file_is_read_back_and_the_previous_one_kept() {
         let (folder, path, _) = written();
         let previous = folder.path().join("previous.bin");
-        write(&path, Some(&previous), &vec![8u32; 3]).unwrap();
-        assert_eq!(read::<Vec<u32>>(&path).unwrap(), [8; 3]);
-        assert_eq!(read::<Vec<u32>>(&previous).unwrap(), [7; 50]);
+        write(&path, RUN, Some(&previous), &vec![8u32; 3]).unwrap();
+        assert_eq!(read::<Vec<u32>>(&path, RUN).unwrap(), [8; 3]);
+        assert_eq!(read::<Vec<u32>>(&previous, RUN).unwrap(), [7; 50]);
     }
 
     #[test]
@@ -219,22 +223,25 @@ mod tests {
         let (_folder, path, bytes) = written();
         for length in 0..bytes.len() {
             fs::write(&path, &bytes[..length]).unwrap();
-            assert!(read::<Vec<u32>>(&path).unwrap_err().is_damage(), "{length} bytes were accepted");
+            assert!(read::<Vec<u32>>(&path, RUN).unwrap_err().is_damage(), "{length} bytes were accepted");
         }
         for index in 0..bytes.len() {
             let mut damaged = bytes.clone();
             damaged[index] ^= 0x10;
             fs::write(&path, &damaged).unwrap();
-            assert!(read::<Vec<u32>>(&path).is_err(), "a flipped byte {index} was accepted");
+            assert!(read::<Vec<u32>>(&path, RUN).is_err(), "a flipped byte {index} was accepted");
         }
     }
 
     #[test]
     fn another_format_is_named_and_is_no_damage() {
         let (_folder, path, mut bytes) = written();
+        let error = read::<Vec<u32>>(&path, DROP_IN).unwrap_err();
+        let message = error.to_string();
+        assert!(message.contains("format 3, this program reads format 2") && !error.is_damage(), "{message}");
         bytes[8] = 9;
         fs::write(&path, &bytes).unwrap();
-        let error = read::<Vec<u32>>(&path).unwrap_err();
+        let error = read::<Vec<u32>>(&path, RUN).unwrap_err();
         assert!(error.to_string().contains("format 9") && !error.is_damage(), "{error}");
     }
 }

@@ -80,7 +80,12 @@ impl Workshop<'_> {
 
     /// What a plugin is told when it is made.
     pub fn setup(&self, stream: Stream, spaces: &Spaces) -> Setup {
-        Setup::with_spaces(self.derived_seed(stream), self.threads, plugin::host(), spaces.clone())
+        // What the rules of an evaluation would report is none of the training's figures.
+        let host = match stream {
+            Stream::EvaluationRules => plugin::host_without_metrics(),
+            _ => plugin::host(),
+        };
+        Setup::with_spaces(self.derived_seed(stream), self.threads, host, spaces.clone())
     }
 
     /// Which file a choice may come from.

@@ -156,6 +156,15 @@ impl DecisionEvent<'_> {
 pub struct EvaluationEvent {
     /// Training steps before it.
     pub step: u64,
+    /// What it came to: with the shield, if it was evaluated with one.
+    pub figures: EvaluationFigures,
+    /// What episodes from the same seeds came to without the shield; `None` if the figures above are without one.
+    pub without_shield: Option<EvaluationFigures>,
+}
+
+/// What the episodes of an evaluation came to.
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
+pub struct EvaluationFigures {
     /// Mean return of its episodes.
     pub mean_return: f64,
     /// Share of its episodes that achieved the task.

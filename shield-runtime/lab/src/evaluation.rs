@@ -9,7 +9,7 @@ use crate::lanes::{Lane, Lanes};
 use shield_core::{
     agent::ForwardAgent,
     cycle::{Evaluated, restore_rules, save_rules},
-    events::{EvaluationEvent, Tally},
+    events::{EvaluationEvent, EvaluationFigures, Tally},
     plugin_state::PluginState,
     settings::EvaluatedAgent,
     shield::{self, Ladder, Moment},
@@ -21,11 +21,10 @@ use shield_core::{
 pub(crate) struct EvaluatorState {
     /// One per world.
     pub reset_tasks: Vec<Option<PluginState>>,
-    pub rules: Vec<PluginState>,
 }
 
-/// Runs greedy episodes, as many at the same time as there are worlds. Every evaluation of a run starts from the same seeds, so that two
-/// differ by the agent alone.
+/// Runs greedy episodes: with the shield, if it has one, and without. Every evaluation of a run starts from the same seeds, so that two
+/// differ by the agent or by the shield alone.
 pub struct Evaluator {
     batch: Lanes,
     ladder: Option<Ladder>,
@@ -34,6 +33,8 @@ pub struct Evaluator {
     episodes: u32,
     seed: u64,
     previous: Vec<f32>,
+    /// Of the shield: goes on from the training's, so that what rules measure in steps passes here too.
+    clock: u64,
 }
 
 /// An episode under way, or done.
@@ -45,11 +46,11 @@ struct Episode {
 }
 
 impl Evaluator {
-    /// Evaluates `agent` in the worlds of `batch` over `episodes` episodes; through `ladder`, with rules of its own, if there is one. Rules
-    /// follow one episode at a time: with a ladder the batch must hold a single world.
+    /// Evaluates `agent` in the worlds of `batch` over `episodes` episodes. With a `ladder`, which has rules of its own, each evaluation is
+    /// made twice: with it, then without.
     ///
     /// # Errors
-    /// There is no world, or more than one for a ladder.
+    /// There is no world.
     pub fn new(
         mut batch: Lanes,
         ladder: Option<Ladder>,
@@ -58,27 +59,24 @@ impl Evaluator {
         episodes: u32,
         seed: u64,
     ) -> Result<Self> {
-        let worlds = batch.lanes().len();
-        if worlds == 0 || (ladder.is_some() && worlds > 1) {
-            return Err(Error::invalid_argument(format!("{worlds} worlds cannot be evaluated in")));
-        }
-        let previous = batch.lanes()[0].action.clone();
-        Ok(Self { batch, ladder, agent, start, episodes, seed, previous })
+        let Some(first) = batch.lanes().first() else {
+            return Err(Error::invalid_argument("an evaluation needs a world"));
+        };
+        let previous = first.action.clone();
+        Ok(Self { batch, ladder, agent, start, episodes, seed, previous, clock: 0 })
     }
 
     pub(crate) fn save(&mut self) -> Result<EvaluatorState> {
         let lanes = self.batch.lanes().iter();
-        Ok(EvaluatorState {
-            reset_tasks: lanes.map(|lane| lane.world.save_reset_task()).collect::<Result<_>>()?,
-            rules: save_rules(self.ladder.as_mut())?,
-        })
+        let reset_tasks = lanes.map(|lane| lane.world.save_reset_task()).collect::<Result<_>>()?;
+        Ok(EvaluatorState { reset_tasks })
     }
 
     pub(crate) fn restore(&mut self, state: &EvaluatorState) -> Result<()> {
         for (lane, task) in self.batch.lanes().iter_mut().zip(&state.reset_tasks) {
             lane.world.restore_reset_task(task.as_ref())?;
         }
-        restore_rules(self.ladder.as_mut(), &state.rules)
+        Ok(())
     }
 
     /// One evaluation after `step` training steps.
@@ -86,37 +84,47 @@ impl Evaluator {
     /// # Errors
     /// A plugin failed.
     pub fn run(&mut self, step: u64, mut agents: Evaluated<'_>) -> Result<EvaluationEvent> {
-        if let (Some(ladder), Some(trained)) = (&mut self.ladder, &mut agents.ladder)
-            && ladder.needs().undo_probabilities()
-        {
-            // What such rules have adapted to is what is deployed.
+        if let (Some(ladder), Some(trained)) = (&mut self.ladder, &mut agents.ladder) {
+            // What the rules have adapted to is what is deployed.
             restore_rules(Some(ladder), &save_rules(Some(trained))?)?;
         }
+        self.clock = step;
+        let shielded = self.ladder.is_some().then(|| self.evaluate(true, &mut agents)).transpose()?;
+        let bare = self.evaluate(false, &mut agents)?;
+        Ok(match shielded {
+            Some(figures) => EvaluationEvent { step, figures, without_shield: Some(bare) },
+            None => EvaluationEvent { step, figures: bare, without_shield: None },
+        })
+    }
+
+    /// All episodes, with the shield or without.
+    fn evaluate(&mut self, is_shielded: bool, agents: &mut Evaluated<'_>) -> Result<EvaluationFigures> {
         let mut seeds = Pcg64::seed_from_u64(self.seed);
         let seeds: Vec<u64> = (0..self.episodes).map(|_| seeds.next_u64()).collect();
+        // Rules follow one episode at a time.
+        let at_once = if is_shielded { 1 } else { self.batch.lanes().len() };
         let mut episodes = Vec::new();
-        for wave in seeds.chunks(self.batch.lanes().len()) {
-            episodes.extend(self.wave(step, wave, &mut agents)?);
+        for wave in seeds.chunks(at_once) {
+            episodes.extend(self.wave(is_shielded, wave, agents)?);
         }
-        let mut record =
-            EvaluationEvent { step, mean_return: 0.0, success_rate: 0.0, irreversible_entries: 0, steps: 0 };
+        let mut figures = EvaluationFigures::default();
         for Episode { tally, irreversible_entries, .. } in episodes {
             let (gain, has_succeeded) = match self.agent {
                 EvaluatedAgent::Forward => (tally.forward_return, tally.success),
                 EvaluatedAgent::Reset => (tally.reset_return, tally.visited_reset_set),
             };
-            record.steps += tally.length;
-            record.irreversible_entries += irreversible_entries;
-            record.mean_return += gain;
-            record.success_rate += f64::from(u8::from(has_succeeded));
+            figures.steps += tally.length;
+            figures.irreversible_entries += irreversible_entries;
+            figures.mean_return += gain;
+            figures.success_rate += f64::from(u8::from(has_succeeded));
         }
-        record.mean_return /= f64::from(self.episodes);
-        record.success_rate /= f64::from(self.episodes);
-        Ok(record)
+        figures.mean_return /= f64::from(self.episodes);
+        figures.success_rate /= f64::from(self.episodes);
+        Ok(figures)
     }
 
     /// One episode per seed, all at the same time: the agent acts for one world after the other, then all worlds step.
-    fn wave(&mut self, step: u64, seeds: &[u64], agents: &mut Evaluated<'_>) -> Result<Vec<Episode>> {
+    fn wave(&mut self, is_shielded: bool, seeds: &[u64], agents: &mut Evaluated<'_>) -> Result<Vec<Episode>> {
         self.ladder.iter_mut().for_each(Ladder::begin_cycle);
         let mut episodes = vec![Episode::default(); seeds.len()];
         for (lane, seed) in self.batch.lanes().iter_mut().zip(seeds) {
@@ -125,8 +133,12 @@ impl Evaluator {
         }
         while self.batch.lanes().iter().any(|lane| lane.is_running) {
             for (index, episode) in episodes.iter().enumerate() {
-                if self.batch.lanes()[index].is_running {
-                    self.act(step, index, episode.tally.length > 0, agents)?;
+                if !self.batch.lanes()[index].is_running {
+                    continue;
+                }
+                self.act(index, agents)?;
+                if is_shielded {
+                    self.filter(index, episode.tally.length > 0, agents);
                 }
             }
             self.batch.step();
@@ -140,30 +152,29 @@ impl Evaluator {
     }
 
     /// Chooses the next action of a lane.
-    fn act(&mut self, step: u64, lane: usize, has_previous: bool, agents: &mut Evaluated<'_>) -> Result<()> {
+    fn act(&mut self, lane: usize, agents: &mut Evaluated<'_>) -> Result<()> {
         let Lane { world, action, .. } = &mut self.batch.lanes()[lane];
         let observation = world.observation();
-        let Evaluated { forward, reset, success, .. } = agents;
-        match (self.agent, &mut *forward, &mut *reset) {
-            (EvaluatedAgent::Forward, Some(forward), _) => {
-                forward.act(observation, ActMode::Greedy, action)?
-            }
-            (EvaluatedAgent::Reset, _, Some(reset)) => reset.act(observation, ActMode::Greedy, action)?,
-            _ => return Err(Error::failed("the agent to be evaluated does not exist in this mode")),
+        match (self.agent, &mut agents.forward, &mut agents.reset) {
+            (EvaluatedAgent::Forward, Some(forward), _) => forward.act(observation, ActMode::Greedy, action),
+            (EvaluatedAgent::Reset, _, Some(reset)) => reset.act(observation, ActMode::Greedy, action),
+            _ => Err(Error::failed("the agent to be evaluated does not exist in this mode")),
         }
+    }
+
+    /// Lets the shield judge the next action of a lane. A rejected one is replaced by the reset agent's for this step: the shield as deployed.
+    fn filter(&mut self, lane: usize, has_previous: bool, agents: &mut Evaluated<'_>) {
+        let Lane { world, action, .. } = &mut self.batch.lanes()[lane];
+        let Evaluated { forward, reset, success, .. } = agents;
         if let (Some(ladder), Some(reset)) = (&mut self.ladder, reset) {
-            let moment = Moment { step, observation, previous: has_previous.then_some(&self.previous) };
+            let previous = has_previous.then_some(&self.previous[..]);
+            let moment = Moment { step: self.clock, observation: world.observation(), previous };
             let forward = forward.as_deref_mut().and_then(ForwardAgent::learner);
-            // A rejected action is replaced by the reset agent's for this step: the shield as deployed.
-            let success = match success {
-                Some(critic) => Some(&mut **critic as &mut dyn SuccessCritic),
-                None => None,
-            };
-            let agents = shield::Agents { reset: &mut **reset, forward, success };
-            ladder.filter(agents, &moment, action);
+            let success = success.as_mut().map(|critic| &mut **critic as &mut dyn SuccessCritic);
+            ladder.filter(shield::Agents { reset: &mut **reset, forward, success }, &moment, action);
         }
         self.previous.copy_from_slice(action);
-        Ok(())
+        self.clock += 1;
     }
 }
 

@@ -34,7 +34,6 @@ pub struct LoopState {
     pub(crate) learned: LearnedState,
     pub(crate) evaluator: Option<EvaluatorState>,
     pub(crate) metrics: Vec<Metric>,
-    #[serde(deserialize_with = "UndoState::or_none")]
     pub(crate) undo: UndoState,
 }
 
@@ -78,9 +77,7 @@ impl LoopState {
             all.push(("shield.success_critic".into(), critic.plugin.is_saved()));
         }
         for (index, rule) in self.learned.rules.iter().enumerate() {
-            let in_evaluation = evaluator.and_then(|evaluator| evaluator.rules.get(index));
-            let is_saved = rule.is_saved() && in_evaluation.is_none_or(PluginState::is_saved);
-            all.push((format!("shield.rules[{index}]"), is_saved));
+            all.push((format!("shield.rules[{index}]"), rule.is_saved()));
         }
         all.into_iter().filter(|(_, is_saved)| !is_saved).map(|(field, _)| field).collect()
     }

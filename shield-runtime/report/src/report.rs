@@ -1,6 +1,7 @@
 //! What runs came to, for people: records, figures, and one page.
 
 mod check;
+mod columns;
 mod course;
 mod draw;
 mod figures;
@@ -10,6 +11,7 @@ mod places;
 mod record;
 mod statistics;
 
+pub use columns::{COLUMNS, Cell, Column, forward_share};
 pub use course::{Course, EvaluationCourse};
 pub use draw::{png, svg, titled};
 pub use figures::{Band, Dots, FIGURE_NAMES, Figure, HeatMap, Lines, Row, figures};

@@ -206,6 +206,23 @@ fn networks_robots_and_projections_continue_exactly() {
 }
 
 #[test]
+fn a_shield_that_adapts_continues_exactly_and_so_do_its_evaluations() {
+    let learned =
+        r#"(plugin: "undo-probability", config: (accepted_risk: 0.05)), (plugin: "deadline-latch")"#;
+    let experiment = cart(1_200, "checkpoint: (every: 250),")
+        .replace(r#"(plugin: "ensemble-threshold", config: (q_min: 1.0, combine: Realist))"#, learned)
+        .replace("warm_up_steps", r#"success_critic: (plugin: "success-critic"), warm_up_steps"#)
+        .replace("every: 500", "every: 200");
+    let expected = Run::uninterrupted(&experiment);
+    for sabotage in [Sabotage::Stop(333), Sabotage::Crash(640), Sabotage::CrashInEvaluation(1_000)] {
+        let run = Run::new(&experiment, &[]);
+        run.go(sabotage);
+        run.go(Sabotage::None);
+        same(&expected, &run, &format!("{sabotage:?}"));
+    }
+}
+
+#[test]
 fn every_mode_continues_exactly() {
     for mode in ["StatusQuo", "ForwardOnly", "ResetOnly()"] {
         let experiment = gridworld(600, &format!("mode: {mode}, checkpoint: (every: 100),"));

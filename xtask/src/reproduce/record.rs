@@ -36,10 +36,25 @@ pub struct Summary {
     pub hard_resets: u64,
     pub irreversible_entries: u64,
     pub final_return: Option<f64>,
+    /// Version 1.0 evaluated either with the shield or without.
+    #[serde(default)]
+    pub final_return_without_shield: Option<f64>,
     pub best_return: Option<f64>,
     pub success_rate: Option<f64>,
-    pub steps_to_solve: Option<u64>,
+    steps_to_solve: Option<u64>,
+    #[serde(default)]
+    solved: Option<bool>,
     pub lifetime_return: Option<f64>,
+}
+
+impl Summary {
+    /// Steps after which the task was solved; infinite if it never was.
+    pub fn steps_until_solved(&self) -> Option<f64> {
+        let steps = self.steps_to_solve?;
+        // In version 1.0 the budget alone says it.
+        let is_solved = self.solved.unwrap_or(steps < self.steps);
+        Some(if is_solved { steps as f64 } else { f64::INFINITY })
+    }
 }
 
 /// Where forward episodes were aborted; of continuous observations nothing is needed here.
@@ -85,7 +100,8 @@ impl Spread {
         let at = |share: f64| {
             let place = share * last as f64;
             let (low, high) = (figures[place.floor() as usize], figures[place.ceil() as usize]);
-            low + (high - low) * place.fract()
+            // Infinite figures have no difference.
+            if low == high { low } else { low + (high - low) * place.fract() }
         };
         Some(Self(at(0.25), at(0.5), at(0.75)))
     }
@@ -96,7 +112,11 @@ impl Spread {
 
     /// The median with its quartiles, if they differ.
     pub fn show(self, decimals: usize) -> String {
-        let [lower, median, upper] = [self.0, self.1, self.2].map(|figure| format!("{figure:.decimals$}"));
+        let show = |figure: f64| match figure {
+            f64::INFINITY => "never".into(),
+            figure => format!("{figure:.decimals$}"),
+        };
+        let [lower, median, upper] = [self.0, self.1, self.2].map(show);
         if lower == upper { median } else { format!("{median} ({lower} to {upper})") }
     }
 }
@@ -110,5 +130,8 @@ mod tests {
         assert_eq!(Spread::of(vec![1.0, 2.0, 3.0, 4.0]).unwrap().show(2), "2.50 (1.75 to 3.25)");
         assert_eq!(Spread::of(vec![3.0, 3.0]).unwrap().show(0), "3");
         assert_eq!(Spread::of(Vec::new()), None);
+        let never = f64::INFINITY;
+        assert_eq!(Spread::of(vec![100.0, 200.0, never]).unwrap().show(0), "200 (150 to never)");
+        assert_eq!(Spread::of(vec![never, never]).unwrap().show(0), "never");
     }
 }

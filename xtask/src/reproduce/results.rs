@@ -18,7 +18,8 @@ Written by `cargo xtask reproduce`: from the records in this folder, not by hand
 
 These are small experiments, for two cores: networks of 64-64, few steps, often TD3 in place of DDPG. What was changed stands with each experiment and in its file. So they show
 whether an effect is there, not how large it is at the paper's size; the paper's settings are in the files without `-small`, and were not run. Figures are medians over the
-seeds, with the quartiles in brackets, always at equal numbers of steps; with fewer than three seeds there is no verdict. A claim *holds in part* where one half of it does, or where an effect is at least half as large as the paper's. No seed is left out; the paper takes the median over
+seeds, with the quartiles in brackets, always at equal numbers of steps. Returns are of greedy evaluations, with the shield first; in a table that has no column
+\"without the shield\" they are all without it. With fewer than three seeds there is no verdict. A claim *holds in part* where one half of it does, or where an effect is at least half as large as the paper's. No seed is left out; the paper takes the median over
 those that solved the task.
 
 | § | environment | the paper | here | seeds, steps | verdict |
@@ -28,15 +29,16 @@ those that solved the task.
 /// What a table shows of a run: heading, figure, decimals.
 type Column = (&'static str, fn(&Summary) -> Option<f64>, usize);
 
-const COLUMNS: [Column; 9] = [
+const COLUMNS: [Column; 10] = [
     ("forward steps", |run| Some(run.forward_steps as f64), 0),
     ("early aborts", |run| Some(run.early_aborts as f64), 0),
     ("hard resets", |run| Some(run.hard_resets as f64), 0),
     ("irreversible entries", |run| Some(run.irreversible_entries as f64), 0),
     ("final return", |run| run.final_return, 1),
+    ("without the shield", |run| run.final_return_without_shield, 1),
     ("best return", |run| run.best_return, 1),
     ("success, %", |run| run.success_rate.map(|rate| rate * 100.0), 0),
-    ("steps to solve", |run| run.steps_to_solve.map(|steps| steps as f64), 0),
+    ("steps to solve", Summary::steps_until_solved, 0),
     ("lifetime return", |run| run.lifetime_return, 0),
 ];
 

@@ -97,6 +97,21 @@ impl Experiment {
         found.into_iter().map(|(_, choice)| choice)
     }
 
+    /// Whether evaluations come in pairs: with the shield, and without it.
+    pub fn is_evaluated_with_shield(&self) -> bool {
+        let has_shield = self.mode == Mode::Shielded;
+        let asks =
+            |settings: &EvaluationConfig| settings.shielded && settings.agent == EvaluatedAgent::Forward;
+        has_shield && self.evaluation.as_ref().is_some_and(asks)
+    }
+
+    /// Whether there is a shield that evaluations of the forward agent leave out.
+    pub fn is_evaluated_without_its_shield(&self) -> bool {
+        let leaves_out =
+            |settings: &EvaluationConfig| !settings.shielded && settings.agent == EvaluatedAgent::Forward;
+        self.mode == Mode::Shielded && self.evaluation.as_ref().is_some_and(leaves_out)
+    }
+
     pub(super) fn plugins_mut(&mut self) -> impl Iterator<Item = &mut PluginChoice> {
         let (Forward::Learner(forward) | Forward::Policy(forward)) = &mut self.forward;
         [&mut self.environment, forward]

@@ -288,10 +288,5 @@ fn evaluation(experiment: &Experiment, settings: &EvaluationConfig) -> Checked {
         settings.agent == EvaluatedAgent::Forward || learns_to_reset,
         "evaluation.agent",
         format!("the mode {:?} has no reset agent to evaluate", experiment.mode),
-    )?;
-    ensure(
-        !settings.shielded || learns_to_reset && !experiment.shield.rules.is_empty(),
-        "evaluation.shielded",
-        "there is no shield to evaluate behind: it takes a mode with a reset agent, and a rule",
     )
 }

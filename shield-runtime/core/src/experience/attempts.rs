@@ -34,6 +34,8 @@ pub struct Outcome {
     pub value: f32,
     /// How much that counts, from 0 to 1.
     pub weight: f32,
+    /// Attempts that ended since.
+    pub age: u64,
 }
 
 impl Attempt {
@@ -43,11 +45,13 @@ impl Attempt {
     fn outcome_of(&self, number: u64) -> Outcome {
         match (self.succeeded, self.reached) {
             (true, Some(reached)) if number > reached => Outcome::default(),
-            (true, _) => Outcome { value: 1.0, weight: 1.0 },
-            (false, _) if self.terminated || number < self.first => Outcome { value: 0.0, weight: 1.0 },
+            (true, _) => Outcome { value: 1.0, weight: 1.0, age: 0 },
+            (false, _) if self.terminated || number < self.first => {
+                Outcome { weight: 1.0, ..Outcome::default() }
+            }
             (false, _) => {
                 let left = (self.end - number) as f32 / (self.end - self.first) as f32;
-                Outcome { value: 0.0, weight: left }
+                Outcome { weight: left, ..Outcome::default() }
             }
         }
     }
@@ -57,12 +61,14 @@ impl Attempt {
 #[derive(Debug)]
 pub(super) struct AttemptLog {
     attempts: VecDeque<Attempt>,
+    /// All that ever ended.
+    ended: u64,
 }
 
 impl AttemptLog {
     /// An empty log for a memory of `capacity` transitions. It never allocates again.
     pub fn new(capacity: usize) -> Self {
-        Self { attempts: VecDeque::with_capacity(capacity.min(MOST_ATTEMPTS)) }
+        Self { attempts: VecDeque::with_capacity(capacity.min(MOST_ATTEMPTS)), ended: 0 }
     }
 
     pub fn push(&mut self, attempt: Attempt) {
@@ -70,6 +76,12 @@ impl AttemptLog {
             self.attempts.pop_front();
         }
         self.attempts.push_back(attempt);
+        self.ended += 1;
+    }
+
+    /// How many attempts ever ended.
+    pub fn ended(&self) -> u64 {
+        self.ended
     }
 
     /// Forgets attempts none of whose transitions is kept.
@@ -84,7 +96,7 @@ impl AttemptLog {
         let index = self.attempts.partition_point(|attempt| attempt.end <= number);
         match self.attempts.get(index) {
             Some(attempt) if number >= attempt.first || attempt.before == Some(number) => {
-                attempt.outcome_of(number)
+                Outcome { age: (self.attempts.len() - 1 - index) as u64, ..attempt.outcome_of(number) }
             }
             _ => Outcome::default(),
         }
@@ -102,10 +114,11 @@ impl AttemptLog {
         self.attempts.iter().copied().collect()
     }
 
-    /// Becomes a log of these attempts.
-    pub fn restore(&mut self, attempts: &[Attempt]) {
+    /// Becomes a log of these attempts, the last of all that ended.
+    pub fn restore(&mut self, attempts: &[Attempt], ended: u64) {
         self.attempts.clear();
         attempts.iter().for_each(|attempt| self.push(*attempt));
+        self.ended = ended;
     }
 
     /// Counts every number from `back` later on; attempts that began before it are forgotten.

@@ -2,18 +2,18 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::attempts::Outcome;
-
 /// Steps before and after the start of a failed attempt.
 pub(super) const WINDOW: u64 = 20;
 
 /// How many transitions are kept: those of the last 200 failures at least.
 const CAPACITY: usize = 200 * 2 * WINDOW as usize;
 
-/// A transition by its number, and the outcome of its attempt.
+/// A transition by its number, and what its attempt says about it.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(super) struct Label {
     pub number: u64,
+    /// Attempts that had ended until then.
+    pub ended: u64,
     pub fate: f32,
     pub outcome: f32,
     pub weight: f32,
@@ -55,9 +55,8 @@ impl Failures {
         self.labels.len()
     }
 
-    pub fn push(&mut self, parts: [&[f32]; 3], number: u64, fate: f32, outcome: Outcome) {
+    pub fn push(&mut self, parts: [&[f32]; 3], label: Label) {
         let slot = (self.pushed % self.capacity as u64) as usize;
-        let label = Label { number, fate, outcome: outcome.value, weight: outcome.weight };
         if slot < self.labels.len() {
             self.labels[slot] = label;
             let mut at = slot * self.width;
@@ -95,7 +94,7 @@ impl Failures {
         true
     }
 
-    /// Counts every number from `back` on. What is older stays, as if it were number 0: its age no longer matters.
+    /// Counts every number from `back` on. What is older stays, as if it were number 0.
     pub fn renumber(&mut self, back: u64) {
         self.labels.iter_mut().for_each(|label| label.number = label.number.saturating_sub(back));
     }

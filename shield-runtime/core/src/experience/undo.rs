@@ -56,7 +56,7 @@ pub struct UndoSettings {
     pub failure_share: f64,
     /// The share that is drawn from the last steps of successful attempts.
     pub success_share: f64,
-    /// Steps after which an outcome counts half.
+    /// Attempts after which an outcome counts half.
     pub outcome_half_life: f64,
 }
 
@@ -75,6 +75,7 @@ pub(super) struct UndoMemory {
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub struct UndoMemoryState {
     attempts: Vec<Attempt>,
+    ended: u64,
     failures: FailuresState,
 }
 
@@ -205,6 +206,19 @@ impl UndoMemory {
         self.failures.renumber(back);
     }
 
+    /// What is known of a kept transition.
+    fn label(&self, slot: usize, number: u64) -> Label {
+        let Outcome { value, weight, age } = self.log.outcome_of(number);
+        let ended = self.log.ended().saturating_sub(age);
+        Label { number, ended, fate: self.fates[slot], outcome: value, weight }
+    }
+
+    /// A reset agent that improves makes old outcomes stale. As they fade, what the critic thinks of the next state takes their place.
+    fn faded(&self, label: Label) -> Label {
+        let age = self.log.ended().saturating_sub(label.ended) as f64 / self.settings.outcome_half_life;
+        Label { weight: label.weight * (-age).exp2() as f32, ..label }
+    }
+
     /// Whether a member learns from a transition: the same answer each time it is drawn, without a bit being kept.
     fn learns(&self, number: u64, member: usize) -> bool {
         let probability = self.settings.bootstrap_probability;
@@ -232,12 +246,7 @@ impl Experience {
             for number in window.start.max(kept.start)..window.end.min(attempt.end.max(attempt.first)) {
                 let slot = self.slot(number);
                 if undo.fates[slot] != NEVER {
-                    undo.failures.push(
-                        self.parts(slot),
-                        number,
-                        undo.fates[slot],
-                        undo.log.outcome_of(number),
-                    );
+                    undo.failures.push(self.parts(slot), undo.label(slot, number));
                 }
             }
         }
@@ -252,7 +261,8 @@ impl Experience {
     /// The attempts and the failures; `None` where no success critic learns.
     pub fn save_undo(&self) -> Option<UndoMemoryState> {
         let undo = self.undo.as_ref()?;
-        Some(UndoMemoryState { attempts: undo.log.to_vec(), failures: undo.failures.save() })
+        let (attempts, ended) = (undo.log.to_vec(), undo.log.ended());
+        Some(UndoMemoryState { attempts, ended, failures: undo.failures.save() })
     }
 
     /// Goes on from what [`save_undo`](Self::save_undo) gave.
@@ -261,7 +271,7 @@ impl Experience {
     /// It belongs to other spaces.
     pub fn restore_undo(&mut self, state: &UndoMemoryState) -> Result<()> {
         let Some(undo) = &mut self.undo else { return Ok(()) };
-        undo.log.restore(&state.attempts);
+        undo.log.restore(&state.attempts, state.ended);
         if undo.failures.restore(&state.failures) {
             return Ok(());
         }
@@ -282,14 +292,13 @@ impl Experience {
                 let [observation, action] = buffers.lengths;
                 let (before, next) = parts.split_at(observation + action);
                 let (before, action) = before.split_at(observation);
-                buffers.put(row, [before, action, next], self.aged(undo, label));
+                buffers.put(row, [before, action, next], undo.faded(label));
                 label.number
             } else {
                 let number = if row < failures + successes { self.near_success(undo, rng) } else { None };
                 let number = number.unwrap_or_else(|| self.any_step(undo, rng));
-                let (slot, Outcome { value, weight }) = (self.slot(number), undo.log.outcome_of(number));
-                let label = Label { number, fate: undo.fates[slot], outcome: value, weight };
-                buffers.put(row, self.parts(slot), self.aged(undo, label));
+                let slot = self.slot(number);
+                buffers.put(row, self.parts(slot), undo.faded(undo.label(slot, number)));
                 number
             };
             if undo.settings.bootstrap_probability < 1.0 {
@@ -299,12 +308,6 @@ impl Experience {
                 }
             }
         }
-    }
-
-    /// A reset agent that improves makes old outcomes stale. As they fade, what the critic thinks of the next state takes their place.
-    fn aged(&self, undo: &UndoMemory, label: Label) -> Label {
-        let age = self.pushed.saturating_sub(label.number) as f64 / undo.settings.outcome_half_life;
-        Label { weight: label.weight * (-age).exp2() as f32, ..label }
     }
 
     /// One of the last steps of a successful attempt, if one is found.

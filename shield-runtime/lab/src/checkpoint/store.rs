@@ -20,7 +20,7 @@ use crate::{
 use shield_config::{
     atomic_file::remove_leftovers,
     experiment,
-    state_file::{self, CheckpointError, Result, sync_folder},
+    state_file::{self, CheckpointError, RUN, Result, sync_folder},
 };
 use shield_core::experience::Experience;
 
@@ -156,7 +156,7 @@ impl CheckpointStore {
         let saved =
             ToSave { provenance: &self.provenance, state: snapshot.state, recorder, experience: &experience };
         let (latest, previous) = (latest(&self.folder), previous(&self.folder));
-        state_file::write(&latest, Some(&previous), &saved)?;
+        state_file::write(&latest, RUN, Some(&previous), &saved)?;
         self.has_checkpoint = true;
         if is_finished && previous.exists() {
             fs::remove_file(&previous).map_err(|error| CheckpointError::io(&previous, error))?;
@@ -205,7 +205,7 @@ impl LockedCheckpoints {
     /// # Errors
     /// It is damaged or cannot be read, belongs to another configuration or other plugins, or a file of the run is not as long as it was.
     pub fn read<R: RunFiles>(&self, path: &Path, provenance: &Provenance) -> Result<Saved<R>> {
-        let saved: Saved<R> = state_file::read(path)?;
+        let saved: Saved<R> = state_file::read(path, RUN)?;
         saved.ensure_same(path, provenance)?;
         saved.recorder.check(&self.run)?;
         Ok(saved)
@@ -247,7 +247,7 @@ pub fn last_checkpoint<R: RunFiles>(run: &Path) -> anyhow::Result<Saved<R>> {
 fn first_usable<R: RunFiles>(folder: &Path) -> Result<Saved<R>> {
     let mut passed_over = None;
     for path in paths(folder)? {
-        match state_file::read(&path) {
+        match state_file::read(&path, RUN) {
             Err(error) if error.is_damage() => passed_over = passed_over.or(Some(error)),
             found => return found,
         }

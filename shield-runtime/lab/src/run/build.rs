@@ -228,11 +228,9 @@ impl<'a> Builder<'a> {
         success: Option<&Critic>,
         spaces: &Spaces,
     ) -> Result<Evaluator, InputError> {
-        // Rules follow one episode at a time; an isolated environment costs a process each.
-        let is_shielded = config.shielded && reset.is_some();
+        // An isolated environment costs a process each.
         let is_isolated = isolation(&self.experiment.environment).is_some();
-        let lanes =
-            if is_shielded || is_isolated { 1 } else { u64::from(config.episodes).clamp(1, MOST_LANES) };
+        let lanes = if is_isolated { 1 } else { u64::from(config.episodes).clamp(1, MOST_LANES) };
         let streams = [Stream::EvaluationEnvironment, Stream::EvaluationResetTask];
         let host = plugin::host_without_metrics();
         let worlds = (0..lanes).map(|lane| self.world(streams, lane, host));
@@ -243,7 +241,7 @@ impl<'a> Builder<'a> {
         let batch = Lanes::new(worlds, self.experiment.threads)
             .map_err(|error| self.workshop.refused("threads", &error))?;
         let ladder = match reset {
-            Some(reset) if config.shielded => {
+            Some(reset) if self.experiment.is_evaluated_with_shield() => {
                 Some(self.ladder(reset, success, spaces, Stream::EvaluationRules)?)
             }
             _ => None,

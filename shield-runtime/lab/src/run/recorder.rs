@@ -222,16 +222,22 @@ impl Recorder {
         let quantile = |q| {
             (!self.decision_ns.is_empty()).then(|| self.decision_ns.value_at_quantile(q) as f64 / 1_000.0)
         };
+        let last = self.results.last.map(|last| last.figures);
+        let bare = self.results.last.and_then(|last| last.without_shield);
         let summary = Summary {
             complete: error.is_none() && counters.steps >= budget,
             error,
             exact_resume: self.is_saved_exactly && self.deterministic,
             rejected_by_cause: self.causes,
             hard_resets_by_kind: self.hard_resets.into_iter().collect(),
-            final_return: self.results.last.map(|last| last.mean_return),
+            final_return: last.map(|last| last.mean_return),
+            final_return_without_shield: bare.map(|bare| bare.mean_return),
             best_return: self.results.best_return,
-            success_rate: self.results.last.map(|last| last.success_rate),
+            best_return_without_shield: self.results.best_return_without_shield,
+            success_rate: last.map(|last| last.success_rate),
+            success_rate_without_shield: bare.map(|bare| bare.success_rate),
             steps_to_solve: self.results.steps_to_solve(budget),
+            solved: self.results.is_solved(),
             deterministic: self.deterministic,
             wall_seconds: seconds,
             steps_per_second: counters.steps as f64 / seconds,
@@ -337,23 +343,37 @@ impl Observer for Recorder {
 
     fn on_evaluation(&mut self, evaluation: &EvaluationEvent, counters: &Counters) -> Result<()> {
         self.results.add(evaluation, self.solved_at);
+        let EvaluationEvent { step, figures, without_shield: bare } = *evaluation;
         self.files.events.scalars(
-            evaluation.step,
+            step,
             &[
-                ("evaluation/mean_return", evaluation.mean_return),
-                ("evaluation/success_rate", evaluation.success_rate),
-                ("evaluation/irreversible_entries", evaluation.irreversible_entries as f64),
+                ("evaluation/mean_return", figures.mean_return),
+                ("evaluation/success_rate", figures.success_rate),
+                ("evaluation/irreversible_entries", figures.irreversible_entries as f64),
             ],
         )?;
-        let EvaluationEvent { step, mean_return, success_rate, irreversible_entries, steps } = *evaluation;
+        if let Some(bare) = bare {
+            self.files.events.scalars(
+                step,
+                &[
+                    ("evaluation/mean_return_without_shield", bare.mean_return),
+                    ("evaluation/success_rate_without_shield", bare.success_rate),
+                    ("evaluation/irreversible_entries_without_shield", bare.irreversible_entries as f64),
+                ],
+            )?;
+        }
         self.files.evaluations.write(&EvaluationRow {
             step,
-            mean_return,
-            success_rate,
-            irreversible_entries,
-            steps,
+            mean_return: figures.mean_return,
+            success_rate: figures.success_rate,
+            irreversible_entries: figures.irreversible_entries,
+            steps: figures.steps,
             lifetime_return: counters.lifetime_return,
             hard_resets: counters.hard_resets,
+            mean_return_without_shield: bare.map(|bare| bare.mean_return),
+            success_rate_without_shield: bare.map(|bare| bare.success_rate),
+            irreversible_entries_without_shield: bare.map(|bare| bare.irreversible_entries),
+            steps_without_shield: bare.map(|bare| bare.steps),
         })
     }
 

@@ -64,14 +64,26 @@ pub struct Summary {
     pub irreversible_entries: u64,
     /// Times that another process took the place of an isolated environment's; a hard reset follows each.
     pub worker_restarts: u64,
-    /// Mean return of the last evaluation.
+    /// Mean return of the last evaluation: with the shield, if it was evaluated with one.
     pub final_return: Option<f64>,
+    /// The same without the shield; `None` where the figure above is without one.
+    #[serde(default)]
+    pub final_return_without_shield: Option<f64>,
     /// Mean return of the best evaluation.
     pub best_return: Option<f64>,
+    /// Mean return of the best evaluation without the shield.
+    #[serde(default)]
+    pub best_return_without_shield: Option<f64>,
     /// Share of successful episodes in the last evaluation.
     pub success_rate: Option<f64>,
+    /// The same without the shield.
+    #[serde(default)]
+    pub success_rate_without_shield: Option<f64>,
     /// First step after which three evaluations in a row succeeded; the budget if never.
     pub steps_to_solve: Option<u64>,
+    /// Whether three evaluations in a row ever succeeded; `None` without evaluations, and of a run of version 1.0.
+    #[serde(default)]
+    pub solved: Option<bool>,
     /// Whether a continued run equals an uninterrupted one.
     pub exact_resume: bool,
     /// Whether another run of the same seed gives the same results: not where decisions have a deadline.
@@ -91,6 +103,7 @@ pub struct Summary {
 pub(super) struct Evaluations {
     pub last: Option<EvaluationEvent>,
     pub best_return: Option<f64>,
+    pub best_return_without_shield: Option<f64>,
     streak: u32,
     streak_start: u64,
     solved: Option<u64>,
@@ -98,9 +111,10 @@ pub(super) struct Evaluations {
 
 impl Evaluations {
     pub fn add(&mut self, evaluation: &EvaluationEvent, solved_at: f64) {
-        if evaluation.success_rate >= solved_at {
+        let EvaluationEvent { step, figures, without_shield } = *evaluation;
+        if figures.success_rate >= solved_at {
             if self.streak == 0 {
-                self.streak_start = evaluation.step;
+                self.streak_start = step;
             }
             self.streak += 1;
         } else {
@@ -109,8 +123,11 @@ impl Evaluations {
         if self.streak == 3 && self.solved.is_none() {
             self.solved = Some(self.streak_start);
         }
-        self.best_return =
-            Some(self.best_return.map_or(evaluation.mean_return, |best| best.max(evaluation.mean_return)));
+        let better = |best: Option<f64>, now: f64| Some(best.map_or(now, |best| best.max(now)));
+        self.best_return = better(self.best_return, figures.mean_return);
+        if let Some(bare) = without_shield {
+            self.best_return_without_shield = better(self.best_return_without_shield, bare.mean_return);
+        }
         self.last = Some(*evaluation);
     }
 
@@ -118,9 +135,22 @@ impl Evaluations {
     pub fn steps_to_solve(&self, budget: u64) -> Option<u64> {
         self.last.map(|_| self.solved.unwrap_or(budget))
     }
+
+    /// Whether three evaluations in a row ever succeeded, if there were evaluations.
+    pub fn is_solved(&self) -> Option<bool> {
+        self.last.map(|_| self.solved.is_some())
+    }
 }
 
 impl Summary {
+    /// Steps after which the task was solved, for people: infinite if it never was. `None` without an evaluation.
+    pub fn steps_until_solved(&self) -> Option<f64> {
+        let steps = self.steps_to_solve?;
+        // In version 1.0 the budget alone says it: two more evaluations follow the first success.
+        let is_solved = self.solved.unwrap_or(steps < self.steps);
+        Some(if is_solved { steps as f64 } else { f64::INFINITY })
+    }
+
     /// A summary of what was counted; evaluations and times are still empty, and whether the run is complete its recorder knows.
     pub fn new(identity: &Identity, counters: &Counters) -> Self {
         Self {
@@ -146,9 +176,13 @@ impl Summary {
             irreversible_entries: counters.irreversible_entries,
             worker_restarts: counters.worker_restarts,
             final_return: None,
+            final_return_without_shield: None,
             best_return: None,
+            best_return_without_shield: None,
             success_rate: None,
+            success_rate_without_shield: None,
             steps_to_solve: None,
+            solved: None,
             exact_resume: false,
             deterministic: true,
             wall_seconds: 0.0,
@@ -161,22 +195,38 @@ impl Summary {
 
 #[cfg(test)]
 mod tests {
+    use shield_core::events::EvaluationFigures;
+
     use super::*;
 
     fn evaluate(successes: &[f64], solved_at: f64) -> Option<u64> {
         let mut evaluations = Evaluations::default();
         for (index, success_rate) in successes.iter().enumerate() {
             let step = (index as u64 + 1) * 100;
-            let record = EvaluationEvent {
-                step,
-                mean_return: 0.0,
-                success_rate: *success_rate,
-                irreversible_entries: 0,
-                steps: 1,
-            };
-            evaluations.add(&record, solved_at);
+            let bare = EvaluationFigures { mean_return: -1.0 - step as f64, ..EvaluationFigures::default() };
+            let figures = EvaluationFigures { success_rate: *success_rate, ..EvaluationFigures::default() };
+            evaluations.add(&EvaluationEvent { step, figures, without_shield: Some(bare) }, solved_at);
         }
-        evaluations.steps_to_solve(9_999)
+        assert_eq!(evaluations.best_return_without_shield, evaluations.last.map(|_| -101.0));
+        let steps = evaluations.steps_to_solve(9_999);
+        assert_eq!(evaluations.is_solved(), steps.map(|steps| steps < 9_999));
+        steps
+    }
+
+    #[test]
+    fn a_run_that_was_never_solved_took_for_ever() {
+        let identity = Identity { experiment: "e".into(), variant: "v".into(), seed: 0 };
+        let counters = Counters { steps: 900, ..Counters::default() };
+        let until = |steps_to_solve, solved| {
+            let summary = Summary { steps_to_solve, solved, ..Summary::new(&identity, &counters) };
+            summary.steps_until_solved()
+        };
+        assert_eq!(until(None, None), None);
+        assert_eq!(until(Some(300), Some(true)), Some(300.0));
+        assert_eq!(until(Some(900), Some(false)), Some(f64::INFINITY));
+        // As version 1.0 wrote it, also of a run that was stopped before its last step.
+        let old = [300, 900, 2_000].map(|steps| until(Some(steps), None));
+        assert_eq!(old, [Some(300.0), Some(f64::INFINITY), Some(f64::INFINITY)]);
     }
 
     #[test]

@@ -67,6 +67,10 @@ pub(super) struct EvaluationRow {
     pub steps: u64,
     pub lifetime_return: f64,
     pub hard_resets: u64,
+    pub mean_return_without_shield: Option<f64>,
+    pub success_rate_without_shield: Option<f64>,
+    pub irreversible_entries_without_shield: Option<u64>,
+    pub steps_without_shield: Option<u64>,
 }
 
 /// `learning.csv`: a learner's own figure.

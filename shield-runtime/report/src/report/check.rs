@@ -35,7 +35,15 @@ pub(super) fn run(run: &RunRecord) -> Result<(), String> {
     course(&run.course)?;
     evaluations(&run.evaluations)?;
     let summary = &run.summary;
-    let figures = [summary.final_return, summary.best_return, summary.success_rate, summary.lifetime_return];
+    let figures = [
+        summary.final_return,
+        summary.final_return_without_shield,
+        summary.best_return,
+        summary.best_return_without_shield,
+        summary.success_rate,
+        summary.success_rate_without_shield,
+        summary.lifetime_return,
+    ];
     finite("summary", figures.into_iter().flatten())?;
     match &run.aborts {
         Some(Places::Points { points, .. }) => finite("aborts", points.iter().flatten().copied()),
@@ -63,12 +71,28 @@ fn course(course: &Course) -> Result<(), String> {
 }
 
 fn evaluations(evaluations: &EvaluationCourse) -> Result<(), String> {
-    let EvaluationCourse { step, mean_return, success_rate } = evaluations;
+    let EvaluationCourse {
+        step,
+        mean_return,
+        success_rate,
+        mean_return_without_shield,
+        success_rate_without_shield,
+    } = evaluations;
     ensure(step.is_sorted(), || "the column `step` of its evaluations decreases".into())?;
-    as_long("mean_return", mean_return.len(), step.len())?;
-    as_long("success_rate", success_rate.len(), step.len())?;
-    finite("mean_return", mean_return.iter().copied())?;
-    finite("success_rate", success_rate.iter().copied())
+    for (name, column) in [("mean_return", mean_return), ("success_rate", success_rate)] {
+        as_long(name, column.len(), step.len())?;
+        finite(name, column.iter().copied())?;
+    }
+    let without_shield = [
+        ("mean_return_without_shield", mean_return_without_shield),
+        ("success_rate_without_shield", success_rate_without_shield),
+    ];
+    // Where there is no shield, they are empty.
+    for (name, column) in without_shield.into_iter().filter(|(_, column)| !column.is_empty()) {
+        as_long(name, column.len(), step.len())?;
+        finite(name, column.iter().copied())?;
+    }
+    Ok(())
 }
 
 fn as_long(name: &str, length: usize, steps: usize) -> Result<(), String> {

@@ -49,14 +49,24 @@ pub struct EvaluationCourse {
     pub mean_return: Vec<f64>,
     /// Share of its episodes that achieved the task.
     pub success_rate: Vec<f64>,
+    /// Mean return without the shield; empty where the columns above are without one.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub mean_return_without_shield: Vec<f64>,
+    /// The same of the share of episodes that achieved the task.
+    #[serde(default, skip_serializing_if = "Vec::is_empty")]
+    pub success_rate_without_shield: Vec<f64>,
 }
 
-/// What is needed of a row of `evaluations.csv`.
+/// What is needed of a row of `evaluations.csv`. Version 1.0 had no columns for figures without the shield.
 #[derive(Debug, Deserialize)]
 struct Evaluation {
     step: u64,
     mean_return: f64,
     success_rate: f64,
+    #[serde(default)]
+    mean_return_without_shield: Option<f64>,
+    #[serde(default)]
+    success_rate_without_shield: Option<f64>,
 }
 
 impl EvaluationCourse {
@@ -66,10 +76,12 @@ impl EvaluationCourse {
     /// The file cannot be read.
     pub fn read(run: &Path) -> Result<Self> {
         let mut course = Self::default();
-        for Evaluation { step, mean_return, success_rate } in rows(&run.join("evaluations.csv"))? {
-            course.step.push(step);
-            course.mean_return.push(rounded(mean_return));
-            course.success_rate.push(rounded(success_rate));
+        for row in rows::<Evaluation>(&run.join("evaluations.csv"))? {
+            course.step.push(row.step);
+            course.mean_return.push(rounded(row.mean_return));
+            course.success_rate.push(rounded(row.success_rate));
+            course.mean_return_without_shield.extend(row.mean_return_without_shield.map(rounded));
+            course.success_rate_without_shield.extend(row.success_rate_without_shield.map(rounded));
         }
         Ok(course)
     }

@@ -182,6 +182,10 @@ fn look(index: usize) -> (RGBColor, bool) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::report::{
+        figures::{Dots, Row},
+        statistics::Spread,
+    };
 
     #[test]
     fn axis_labels_are_short() {
@@ -192,6 +196,20 @@ mod tests {
         assert_eq!(narrow, ["-0.0015", "-0.001", "-0.0005", "0"]);
         assert_eq!(label(100.02, [100.0, 100.1]), "100.02");
         assert_eq!(label(5.0, [5.0, 5.0]), "5");
+    }
+
+    #[test]
+    fn a_run_in_which_it_never_happened_stands_beyond_the_axis() {
+        let drawn = |seeds: Vec<f64>| {
+            let spread = Spread::of(seeds.iter().copied()).unwrap();
+            let rows = vec![Row { name: "v".into(), spread, seeds }];
+            let [name, title, axis] = ["steps-to-solve", "title", "steps"].map(String::from);
+            svg(&Figure::Dots(Dots { name, title, axis, rows })).unwrap()
+        };
+        let some = drawn(vec![100.0, 200.0, f64::INFINITY]);
+        assert!(some.contains("never") && !some.contains("inf") && !some.contains("NaN"), "{some}");
+        assert_eq!(some.matches("<circle").count(), 3);
+        assert!(!drawn(vec![100.0, 200.0]).contains("never"));
     }
 
     #[test]

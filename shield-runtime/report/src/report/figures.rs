@@ -6,6 +6,7 @@ use super::{
     record::{Record, RunRecord, VariantRecord},
     statistics::Spread,
 };
+use shield_lab::run::Summary;
 
 /// A figure, with the name of its file.
 #[derive(Debug, Clone, PartialEq)]
@@ -60,7 +61,7 @@ pub struct Row {
     pub name: String,
     /// Over the seeds.
     pub spread: Spread,
-    /// Each seed's figure.
+    /// Each seed's figure; infinite where something never happened.
     pub seeds: Vec<f64>,
 }
 
@@ -100,9 +101,11 @@ impl Figure {
 }
 
 /// Every name that a figure can have, besides `where-` and a variant. A figure with nothing to show is left out.
-pub const FIGURE_NAMES: [&str; 11] = [
+pub const FIGURE_NAMES: [&str; 14] = [
     "return",
+    "return-without-shield",
     "success",
+    "success-without-shield",
     "training-return",
     "lifetime-reward",
     "hard-resets",
@@ -111,6 +114,7 @@ pub const FIGURE_NAMES: [&str; 11] = [
     "final-hard-resets",
     "final-irreversible-entries",
     "final-return",
+    "final-return-without-shield",
     "steps-to-solve",
 ];
 
@@ -127,23 +131,43 @@ pub fn figures(record: &Record) -> Vec<Figure> {
             figures.push(Figure::Lines(Lines { name, title, axis, bands }));
         }
     };
-    let evaluated = |figure: fn(&RunRecord, usize) -> f64| {
-        variants.iter().map(|variant| evaluations(variant, figure)).collect::<Vec<_>>()
+    let evaluated =
+        |figure: Evaluated| variants.iter().map(|variant| evaluations(variant, figure)).collect::<Vec<_>>();
+    let is_paired = variants.iter().any(VariantRecord::is_paired);
+    // Where no variant was evaluated both ways, these would be the same lines again.
+    let bare = |figure: Evaluated, without_shield: Evaluated| {
+        let shown = variants.iter().filter(|_| is_paired);
+        shown.map(|variant| bare_evaluations(variant, figure, without_shield)).collect::<Vec<_>>()
     };
+    let with_shield = if is_paired { ", with the shield" } else { "" };
     let counted = |figure: fn(&Course, usize) -> f64| {
         variants.iter().map(|variant| course(variant, figure)).collect::<Vec<_>>()
     };
+    let gain: Evaluated = |run, at| run.evaluations.mean_return[at];
+    let success: Evaluated = |run, at| run.evaluations.success_rate[at] * 100.0;
     lines(
         "return",
-        "Task, from the start (greedy evaluation)",
+        &format!("Task, from the start{with_shield} (greedy evaluation)"),
         "mean return of an episode",
-        evaluated(|run, at| run.evaluations.mean_return[at]),
+        evaluated(gain),
+    );
+    lines(
+        "return-without-shield",
+        "Task, from the start, without the shield (greedy evaluation)",
+        "mean return of an episode",
+        bare(gain, |run, at| known(&run.evaluations.mean_return_without_shield, at)),
     );
     lines(
         "success",
-        "Success, from the start (greedy evaluation)",
+        &format!("Success, from the start{with_shield} (greedy evaluation)"),
         "successful episodes, %",
-        evaluated(|run, at| run.evaluations.success_rate[at] * 100.0),
+        evaluated(success),
+    );
+    lines(
+        "success-without-shield",
+        "Success, from the start, without the shield (greedy evaluation)",
+        "successful episodes, %",
+        bare(success, |run, at| known(&run.evaluations.success_rate_without_shield, at) * 100.0),
     );
     lines(
         "training-return",
@@ -195,7 +219,33 @@ fn band(name: &str, points: impl Iterator<Item = (u64, Option<Spread>)>) -> Band
     Band { name: name.to_owned(), points: known.collect() }
 }
 
-fn evaluations(variant: &VariantRecord, figure: fn(&RunRecord, usize) -> f64) -> Band {
+/// The figure of one of a run's evaluations.
+type Evaluated = fn(&RunRecord, usize) -> f64;
+
+impl VariantRecord {
+    /// Whether its evaluations were made with the shield and without.
+    fn is_paired(&self) -> bool {
+        self.runs.iter().any(|run| !run.evaluations.mean_return_without_shield.is_empty())
+    }
+
+    /// Whether its only evaluations were made without a shield. Version 1.0 made them with a shield or without.
+    fn is_bare(&self) -> bool {
+        !self.is_paired()
+            && !self.experiment().is_some_and(|experiment| experiment.is_evaluated_with_shield())
+    }
+}
+
+/// A figure that some runs of a variant may be without.
+fn known(column: &[f64], at: usize) -> f64 {
+    column.get(at).copied().unwrap_or(f64::NAN)
+}
+
+/// Evaluations without the shield. Of a variant without a shield they are the only ones, and shown beside the others' for comparison.
+fn bare_evaluations(variant: &VariantRecord, figure: Evaluated, without_shield: Evaluated) -> Band {
+    evaluations(variant, if variant.is_bare() { figure } else { without_shield })
+}
+
+fn evaluations(variant: &VariantRecord, figure: Evaluated) -> Band {
     let longest = variant.runs.iter().max_by_key(|run| run.evaluations.step.len());
     let steps = longest.into_iter().flat_map(|run| run.evaluations.step.iter().copied());
     let spread = |at: usize| {
@@ -215,30 +265,45 @@ fn course(variant: &VariantRecord, figure: fn(&Course, usize) -> f64) -> Band {
 }
 
 fn final_figures(variants: &[VariantRecord]) -> Vec<Figure> {
-    type Final = fn(&RunRecord) -> Option<f64>;
-    let kinds: [(&str, &str, &str, Final); 4] = [
-        ("final-hard-resets", "Hard resets of a whole run", "hard resets", |run| {
-            Some(run.summary.hard_resets as f64)
+    type Final = fn(&VariantRecord, &Summary) -> Option<f64>;
+    let is_paired = variants.iter().any(VariantRecord::is_paired);
+    let last = if is_paired {
+        "Return of the last evaluation, with the shield"
+    } else {
+        "Return of the last evaluation"
+    };
+    let bare = "Return of the last evaluation, without the shield";
+    let kinds: [(&str, &str, &str, Final); 5] = [
+        ("final-hard-resets", "Hard resets of a whole run", "hard resets", |_, run| {
+            Some(run.hard_resets as f64)
         }),
-        ("final-irreversible-entries", "Entries into irreversible states of a whole run", "entries", |run| {
-            Some(run.summary.irreversible_entries as f64)
+        (
+            "final-irreversible-entries",
+            "Entries into irreversible states of a whole run",
+            "entries",
+            |_, run| Some(run.irreversible_entries as f64),
+        ),
+        ("final-return", last, "mean return of an episode", |_, run| run.final_return),
+        ("final-return-without-shield", bare, "mean return of an episode", |variant, run| {
+            if variant.is_bare() { run.final_return } else { run.final_return_without_shield }
         }),
-        ("final-return", "Return of the last evaluation", "mean return of an episode", |run| {
-            run.summary.final_return
-        }),
-        ("steps-to-solve", "Steps until the task was solved", "environment steps", |run| {
-            run.summary.steps_to_solve.map(|steps| steps as f64)
+        ("steps-to-solve", "Steps until the task was solved", "environment steps", |_, run| {
+            run.steps_until_solved()
         }),
     ];
     let row = |variant: &VariantRecord, figure: Final| {
-        let seeds: Vec<f64> = variant.runs.iter().filter_map(figure).collect();
+        let seeds: Vec<f64> = variant.runs.iter().filter_map(|run| figure(variant, &run.summary)).collect();
         let spread = Spread::of(seeds.iter().copied())?;
         Some(Row { name: variant.name.clone(), spread, seeds })
     };
+    let is_worth_drawing = |seed: &f64| *seed != 0.0 && seed.is_finite();
     let mut figures = Vec::new();
     for (name, title, axis, figure) in kinds {
+        if name == "final-return-without-shield" && !is_paired {
+            continue;
+        }
         let rows: Vec<Row> = variants.iter().filter_map(|variant| row(variant, figure)).collect();
-        if rows.iter().any(|row| row.seeds.iter().any(|seed| *seed != 0.0)) {
+        if rows.iter().any(|row| row.seeds.iter().any(is_worth_drawing)) {
             let (name, title, axis) = (name.into(), title.into(), axis.into());
             figures.push(Figure::Dots(Dots { name, title, axis, rows }));
         }
@@ -272,7 +337,7 @@ fn heat_map(variant: &VariantRecord) -> Option<Figure> {
     Some(Figure::HeatMap(HeatMap {
         name: format!("where-{}", variant.name),
         title: format!("{}: where {total} forward episodes were aborted", variant.name),
-        axes: dimensions.map(|dimension| format!("observation {dimension}")),
+        axes: dimensions.map(|dimension| format!("dimension {dimension} of the observation")),
         ranges,
         fields: FIELDS,
         counts,

@@ -3,50 +3,28 @@
 use anyhow::Result;
 use minijinja::{Environment, context};
 use serde::Serialize;
+use shield_lab::run::Summary;
 
 use super::{
+    columns::{COLUMNS, Cell, Column, forward_share},
     draw,
     figures::Figure,
     record::{PluginRecord, Record, RunRecord, VariantRecord, but_for_seed},
-    statistics::{Spread, show},
+    statistics::Spread,
 };
-
-/// A column of the final table: heading, figure of one run, decimals.
-type Column = (&'static str, fn(&RunRecord) -> Option<f64>, usize);
-
-const COLUMNS: [Column; 10] = [
-    ("steps", |run| Some(run.summary.steps as f64), 0),
-    ("of them forward, %", |run| Some(share(run) * 100.0), 0),
-    ("early aborts", |run| Some(run.summary.early_aborts as f64), 0),
-    ("hard resets", |run| Some(run.summary.hard_resets as f64), 0),
-    ("irreversible entries", |run| Some(run.summary.irreversible_entries as f64), 0),
-    ("final return", |run| run.summary.final_return, 2),
-    ("best return", |run| run.summary.best_return, 2),
-    ("success, %", |run| run.summary.success_rate.map(|rate| rate * 100.0), 0),
-    ("steps to solve", |run| run.summary.steps_to_solve.map(|steps| steps as f64), 0),
-    ("lifetime reward of a step", |run| lifetime(run), 3),
-];
-
-fn share(run: &RunRecord) -> f64 {
-    run.summary.forward_steps as f64 / run.summary.steps.max(1) as f64
-}
 
 fn lifetime(run: &RunRecord) -> Option<f64> {
     run.course.lifetime_return.last().map(|sum| sum / run.summary.steps.max(1) as f64)
 }
+
+/// The last column, of the page alone.
+const LIFETIME: &str = "lifetime reward of a step";
 
 #[derive(Serialize)]
 struct TableRow {
     name: String,
     seeds: usize,
     cells: Vec<Cell>,
-}
-
-/// A median, and the quartiles if they differ from it.
-#[derive(Serialize)]
-struct Cell {
-    median: String,
-    quartiles: String,
 }
 
 #[derive(Serialize)]
@@ -79,6 +57,10 @@ pub fn page(record: &Record, figures: &[Figure], pictures: &[(String, String, St
         drawings.push(Drawing { title: figure.title().into(), name: figure.name().into(), svg });
     }
     drawings.extend(pictures.iter().cloned().map(|(name, title, svg)| Drawing { title, name, svg }));
+    let runs = || record.variants.iter().flat_map(summaries);
+    let columns: Vec<&Column> = COLUMNS.iter().filter(|column| column.has_figures(runs())).collect();
+    let mut headings: Vec<String> = columns.iter().map(|column| column.heading.replace('\n', " ")).collect();
+    headings.push(LIFETIME.into());
     let mut environment = Environment::new();
     environment.set_trim_blocks(true);
     environment.set_lstrip_blocks(true);
@@ -86,8 +68,8 @@ pub fn page(record: &Record, figures: &[Figure], pictures: &[(String, String, St
     let names: Vec<&str> = record.variants.iter().map(|variant| variant.name.as_str()).collect();
     Ok(environment.get_template("page.html")?.render(context! {
         experiment => record.experiment,
-        columns => COLUMNS.map(|(heading, ..)| heading),
-        rows => record.variants.iter().map(row).collect::<Vec<_>>(),
+        headings,
+        rows => record.variants.iter().map(|variant| row(variant, &columns)).collect::<Vec<_>>(),
         notes => notes(&record.variants),
         drawings,
         names,
@@ -97,37 +79,33 @@ pub fn page(record: &Record, figures: &[Figure], pictures: &[(String, String, St
     })?)
 }
 
-fn row(variant: &VariantRecord) -> TableRow {
-    let cell = |(_, figure, decimals): &Column| {
-        let Some(spread) = Spread::of(variant.runs.iter().filter_map(figure)) else {
-            return Cell { median: "–".into(), quartiles: String::new() };
-        };
-        let show = |figure: f64| show(figure, *decimals);
-        let [lower, upper] = [show(spread.lower), show(spread.upper)];
-        let quartiles = if lower == upper { String::new() } else { format!("{lower} to {upper}") };
-        Cell { median: show(spread.median), quartiles }
-    };
-    TableRow {
-        name: variant.name.clone(),
-        seeds: variant.runs.len(),
-        cells: COLUMNS.iter().map(cell).collect(),
-    }
+fn summaries(variant: &VariantRecord) -> impl Iterator<Item = &Summary> {
+    variant.runs.iter().map(|run| &run.summary)
 }
 
-/// What must be known before hard resets are compared.
+fn row(variant: &VariantRecord, columns: &[&Column]) -> TableRow {
+    let lifetime = Cell::of(variant.runs.iter().filter_map(lifetime), 3);
+    let cells = columns.iter().map(|column| column.cell(summaries(variant))).chain([lifetime]);
+    TableRow { name: variant.name.clone(), seeds: variant.runs.len(), cells: cells.collect() }
+}
+
+/// What must be known before figures are compared.
 fn notes(variants: &[VariantRecord]) -> Vec<String> {
-    let is_busy_resetting = |variant: &&VariantRecord| {
-        let shares = Spread::of(variant.runs.iter().map(share));
-        let aborts = variant.runs.iter().any(|run| run.summary.early_aborts > 0);
-        aborts && shares.is_some_and(|shares| shares.median < 0.5)
-    };
-    let note = |variant: &VariantRecord| {
+    let mut notes = Vec::new();
+    for variant in variants {
         let name = &variant.name;
-        format!(
-            "{name} spent less than half of its steps forward; its hard resets do not compare with the others’."
-        )
-    };
-    variants.iter().filter(is_busy_resetting).map(note).collect()
+        let shares = Spread::of(summaries(variant).map(forward_share));
+        let has_aborts = summaries(variant).any(|run| run.early_aborts > 0);
+        if has_aborts && shares.is_some_and(|shares| shares.median < 0.5) {
+            notes.push(format!(
+                "{name} spent less than half of its steps forward; its hard resets do not compare with the others’."
+            ));
+        }
+        if variant.experiment().is_some_and(|experiment| experiment.is_evaluated_without_its_shield()) {
+            notes.push(format!("{name} was evaluated without its shield only."));
+        }
+    }
+    notes
 }
 
 /// Every field in which some variant differs from the first, with what each has there.

@@ -70,6 +70,14 @@ pub struct RunRecord {
     pub aborts: Option<Places>,
 }
 
+impl VariantRecord {
+    /// The experiment of its configuration; `None` of a configuration that this version cannot read.
+    pub(super) fn experiment(&self) -> Option<Experiment> {
+        let file = ExperimentFile::from_text("the record", self.config.as_str());
+        Some(file.variants(&[], None).ok()?.into_iter().next()?.experiment)
+    }
+}
+
 impl Record {
     /// Reads the folders of one experiment. Runs that are not finished are left out; a sentence about each is returned beside. `dimensions`
     /// are the two of an observation by which aborts are placed: the first two, where there are two, if none are given.

@@ -30,7 +30,26 @@ impl Spread {
 fn quantile(sorted: &[f64], share: f64) -> f64 {
     let place = share * (sorted.len() - 1) as f64;
     let (low, high) = (sorted[place.floor() as usize], sorted[place.ceil() as usize]);
-    low + (high - low) * place.fract()
+    // Infinite figures have no difference.
+    if low == high { low } else { low + (high - low) * place.fract() }
+}
+
+/// The median of some figures, and how far they reach.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Range {
+    pub smallest: f64,
+    pub median: f64,
+    pub largest: f64,
+}
+
+impl Range {
+    /// `None` of no figures; what is not a number does not count.
+    pub fn of(figures: impl Iterator<Item = f64>) -> Option<Self> {
+        let figures: Vec<f64> = figures.filter(|figure| !figure.is_nan()).collect();
+        let smallest = figures.iter().copied().min_by(f64::total_cmp)?;
+        let largest = figures.iter().copied().max_by(f64::total_cmp)?;
+        Some(Self { smallest, median: median(&figures), largest })
+    }
 }
 
 /// The median; of an even number, the mean of the middle two. NaN of none.
@@ -38,8 +57,11 @@ pub fn median(figures: &[f64]) -> f64 {
     Spread::of(figures.iter().copied()).map_or(f64::NAN, |spread| spread.median)
 }
 
-/// With so many decimals; half a count, as the median of an even number of them may be, keeps its half.
+/// With so many decimals; half a count, as the median of an even number of them may be, keeps its half. What is infinitely late is `never`.
 pub fn show(figure: f64, decimals: usize) -> String {
+    if figure == f64::INFINITY {
+        return "never".into();
+    }
     let is_half = decimals == 0 && figure.fract().abs() == 0.5;
     format!("{figure:.*}", if is_half { 1 } else { decimals })
 }
@@ -54,6 +76,8 @@ mod tests {
         assert_eq!(spread, Spread { lower: 1.75, median: 2.5, upper: 3.25 });
         assert_eq!(Spread::of([7.0]).unwrap(), Spread { lower: 7.0, median: 7.0, upper: 7.0 });
         assert_eq!(Spread::of([]), None);
+        let spread = Spread::of([1.0, 2.0, f64::INFINITY, f64::INFINITY, f64::INFINITY]).unwrap();
+        assert_eq!(spread, Spread { lower: 2.0, median: f64::INFINITY, upper: f64::INFINITY });
     }
 
     #[test]

@@ -45,7 +45,7 @@ fn aborts(summary: &Summary) -> Option<f64> {
 }
 
 pub(super) fn solve(summary: &Summary) -> Option<f64> {
-    summary.steps_to_solve.map(|steps| steps as f64)
+    summary.steps_until_solved()
 }
 
 pub(super) fn gain(summary: &Summary) -> Option<f64> {

@@ -27,7 +27,7 @@ pub struct ExperienceConfig {
     pub failure_share: f64,
     /// The share that is drawn from the last steps of successful attempts.
     pub success_share: f64,
-    /// Steps after which the outcome of an attempt counts half for a success critic: a reset agent that improves makes old ones stale.
+    /// Attempts after which the outcome of an earlier one counts half for a success critic: a reset agent that improves makes it stale.
     pub outcome_half_life: f64,
     /// How much of a hard reset's cost the reset agent loses in the reward of the step before it.
     pub cost_weight: f32,
@@ -45,7 +45,7 @@ impl Default for ExperienceConfig {
             on_reset_failure: OnResetFailure::default(),
             failure_share: 0.25,
             success_share: 0.125,
-            outcome_half_life: 100_000.0,
+            outcome_half_life: 15.0,
             cost_weight: 0.0,
         }
     }

@@ -33,12 +33,16 @@ pub struct EvaluationConfig {
     /// The named start of each episode; the usual one if `None`.
     #[serde(default)]
     pub start: Option<String>,
-    /// Whether the shield stands between the agent and the world.
-    #[serde(default)]
+    /// The forward agent of a mode with a shield is evaluated with it, and again from the same seeds without it. `false`: only without.
+    #[serde(default = "yes")]
     pub shielded: bool,
     /// An evaluation has succeeded if at least this share of its episodes did; three in a row solve the task.
     #[serde(default = "one")]
     pub solved_at: f64,
+}
+
+fn yes() -> bool {
+    true
 }
 
 fn ten() -> u32 {

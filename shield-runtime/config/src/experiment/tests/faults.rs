@@ -32,7 +32,7 @@ fn faults_of_syntax_and_type_are_refused_with_their_place() {
     check_field("reset: @(config: ()),", "the field `plugin` is missing");
     check_field(
         "shield: (@rulse: []),",
-        "there is no field `rulse`, only `rules`, `projection`, `deadline_us`, `reset_attempts`, `reset_test`, `between_attempts`, `stop_on_reset`, `warm_up_steps`, `shield_exploration`, `on_abort` and `fallback_action`; did you mean `rules`?",
+        "there is no field `rulse`, only `rules`, `success_critic`, `projection`, `deadline_us`, `reset_attempts`, `reset_test`, `between_attempts`, `stop_on_reset`, `warm_up_steps`, `shield_exploration`, `on_abort` and `fallback_action`; did you mean `rules`?",
     );
     check_field("threads: 1, @threads: 2", "`threads` is given twice");
     check_field("threads: @-1", "expected a whole number of at least 0, found -1");
@@ -188,10 +188,6 @@ fn invalid_values_are_refused_with_their_place() {
     check_field(
         "evaluation: (every: 1, agent: @Reset)",
         "the mode ForwardOnly has no reset agent to evaluate",
-    );
-    check_field(
-        "evaluation: (every: 1, shielded: @true)",
-        "there is no shield to evaluate behind: it takes a mode with a reset agent, and a rule",
     );
     check(
         &EXAMPLE.replace(
