@@ -73,7 +73,10 @@ fn each_way_to_combine_is_used_for_the_action_and_for_the_start() {
         ("KOfN(2)", 0.4, Verdict::Allow),
         ("KOfN(3)", 0.1, Verdict::Reject),
     ] {
-        let (judged, _) = judge(&rule(&format!("(initial_threshold: 0.5, combine: {combine})")), &context(&now, &[1.0; 3], &start));
+        let (judged, _) = judge(
+            &rule(&format!("(initial_threshold: 0.5, combine: {combine})")),
+            &context(&now, &[1.0; 3], &start),
+        );
         assert_eq!((judged.score, judged.verdict), (score, verdict), "{combine}");
     }
 }
@@ -248,8 +251,7 @@ fn a_threshold_that_returns_after_failures_keeps_the_realised_risk_below_the_acc
     let (timid, daring) = (|p: f64| (1.0 - p).powi(2), |p: f64| 1.0 - p.powi(2));
     for (name, failure) in [("too timid", timid as fn(f64) -> f64), ("too daring", daring)] {
         for accepted in [0.1, 0.2, 0.4] {
-            let (failures, _) =
-                play(&mut rule(&format!("(accepted_risk: {accepted})")), ATTEMPTS, failure);
+            let (failures, _) = play(&mut rule(&format!("(accepted_risk: {accepted})")), ATTEMPTS, failure);
             let realised = failures as f64 / ATTEMPTS as f64;
             assert!(realised < accepted + 0.03, "{name}, {accepted}: {realised}");
         }
@@ -322,8 +324,7 @@ fn rows_hold_where_the_linearised_probability_suffices() {
     // Around 0.5: P₀ = 0.3 + 0.4 (a − 0.5) and P₁ = 0.2 − 0.2 (a − 0.5); half of 0.8 is required.
     const HALF: &str = "initial_threshold: 0.5";
     let context = context(&[0.3, 0.2], &[0.9; 2], &[0.8; 2]);
-    let found =
-        |config: &str| rows(&rule(&format!("({HALF}, {config})")), &context, &[0.4, -0.2]).unwrap();
+    let found = |config: &str| rows(&rule(&format!("({HALF}, {config})")), &context, &[0.4, -0.2]).unwrap();
     let near = |found: &[(Vec<f32>, f32)], expected: &[(f32, f32)]| {
         assert_eq!(found.len(), expected.len(), "{found:?}");
         for ((row, bound), (slope, limit)) in found.iter().zip(expected) {

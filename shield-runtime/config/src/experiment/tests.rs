@@ -65,7 +65,7 @@ fn the_example_experiment_is_accepted() {
     assert_eq!(names, ["shielded", "status-quo", "q_min-5"]);
     let experiment = &variants[0].experiment;
     assert_eq!((experiment.steps, experiment.seeds.len(), experiment.threads), (1_000_000, 5, 2));
-    assert_eq!(config(experiment.reset.as_ref().unwrap()), "(critics: 20)");
+    assert_eq!(config(experiment.reset.as_ref().unwrap().choice()), "(critics: 20)");
     assert!(experiment.reset_task.is_none() && experiment.variants.is_empty());
     assert_eq!(experiment.evaluation.as_ref().unwrap().every, 10_000);
     assert_eq!(variants[1].experiment.mode, Mode::StatusQuo);

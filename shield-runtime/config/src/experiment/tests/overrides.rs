@@ -48,7 +48,7 @@ fn overrides_add_absent_fields() {
     assert_eq!(experiment.shield.warm_up_steps, 7);
     assert_eq!(config(experiment.forward.choice()), "(layers: [1, 3])");
     assert_eq!(config(&experiment.environment), "(at: Some((x: 1)))");
-    assert_eq!(experiment.reset.as_ref().unwrap().plugin, "r");
+    assert_eq!(experiment.reset.as_ref().unwrap().choice().plugin, "r");
     let replaced = only(&small(", evaluation: None"), &["evaluation.every=5"]);
     assert_eq!(replaced.experiment.evaluation.unwrap().every, 5);
 }

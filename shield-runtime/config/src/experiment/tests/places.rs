@@ -18,7 +18,7 @@ fn a_fault_that_a_plugin_reports_is_located_in_the_users_file() {
     let mut sets = sets(&["reset.config.h=8"]);
     sets.push(Override::new("reset.config.a", "10", "--a 10").unwrap());
     let variant = file(&text).variants(&sets, None).unwrap().remove(0);
-    let config = config(variant.experiment.reset.as_ref().unwrap()).to_owned();
+    let config = config(variant.experiment.reset.as_ref().unwrap().choice()).to_owned();
     let place_of = |needle: &str| {
         let offset = config.find(needle).unwrap();
         let position = position_at(&config, offset);

@@ -18,7 +18,7 @@ fn a_configuration_reaches_a_plugin_in_the_form_that_all_since_1_0_read() {
     let config = r#"(one: Some(low: 1), other: Some((low: 2)), third: Some(3, 4))"#;
     let text = SMALL.replace('@', &format!(", reset: (plugin: \"r\", config: {config})"));
     let variant = only(&file(&text), &["reset.config.one=Some(low: 5)"]);
-    let reset = variant.experiment.reset.as_ref().unwrap();
+    let reset = variant.experiment.reset.as_ref().unwrap().choice();
     let Settings { one, other, third } = ron::from_str(self::config(reset)).unwrap();
     assert_eq!((one.unwrap().low, other.unwrap().low, third), (5.0, 2.0, Some((3, 4))));
     assert!(
