@@ -7,27 +7,12 @@ use std::{
     process::{Command, Output},
 };
 
-use shield_tests::{gridworld, plugins_folder, shield, workspace};
+use shield_tests::{call, gridworld, plugins_folder, shield, succeed, text, workspace};
 
 const KINDS: [&str; 6] = ["environment", "learner", "policy", "abort-rule", "reset-task", "success-critic"];
 
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).into_owned()
-}
-
-/// The output of a command that succeeds.
-fn succeed(command: &mut Command) -> String {
-    let output = command.output().unwrap();
-    assert!(output.status.success(), "{command:?}: {}\n{}", text(&output.stdout), text(&output.stderr));
-    text(&output.stdout)
-}
-
-fn shield_in(folder: &Path, arguments: &[&str]) -> Output {
-    shield().current_dir(folder).args(arguments).output().unwrap()
-}
-
 fn refused(folder: &Path, arguments: &[&str], expected: &[&str]) {
-    let output = shield_in(folder, arguments);
+    let output = call(folder, arguments);
     let message = text(&output.stderr);
     assert_eq!(output.status.code(), Some(2), "{message}");
     for part in expected {

@@ -1,7 +1,7 @@
 //! `shield report`, and records of runs.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
-use std::{fs, path::Path, process::Output};
+use std::{fs, path::Path};
 
 use serde_json::Value;
 use shield_runtime::{
@@ -10,14 +10,10 @@ use shield_runtime::{
     report::FIGURE_NAMES,
     run::{RunFolder, prepare},
 };
-use shield_tests::{cart, gridworld, plugins_folder, shield, workspace};
+use shield_tests::{call, cart, gridworld, plugins_folder, workspace};
 use tempfile::TempDir;
 
 const VARIANTS: &str = r#"variants: {"q-0.4": [], "q-0": [("shield.rules[0].config.q_min", 0.0)], "status-quo": [("mode", StatusQuo)]},"#;
-
-fn call(folder: &Path, arguments: &[&str]) -> Output {
-    shield().current_dir(folder).args(arguments).output().unwrap()
-}
 
 fn done(folder: &Path, arguments: &[&str]) -> String {
     let output = call(folder, arguments);
