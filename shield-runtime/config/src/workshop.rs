@@ -149,7 +149,7 @@ impl Workshop<'_> {
         let experience = Experience::new(config.capacity, spaces, members, config.bootstrap_probability)
             .and_then(|experience| match success {
                 None => Ok(experience),
-                Some(critic) => experience.with_undo(config.undo(critic.info().members)),
+                Some(_) => experience.with_undo(config.undo()),
             })
             .map_err(|error| self.refused("experience.capacity", &error))?;
         Ok(Memory { experience, masks: self.generator(Stream::Masks) })
