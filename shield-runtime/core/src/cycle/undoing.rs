@@ -31,9 +31,12 @@ pub(super) struct SinceReset {
 }
 
 impl SinceReset {
-    /// Notes the step of this number.
-    pub fn note(&mut self, turn: AgentRole, number: u64, outcome: &StepOutcome) {
+    /// Notes a step, which a memory stored under this number. After an abort with nothing to undo, a caller may execute what stood in for the
+    /// rejected action: within the reset set, nothing is to be undone still.
+    pub fn note(&mut self, turn: AgentRole, number: Option<u64>, outcome: &StepOutcome) {
+        self.has_moved |= !self.stays || !outcome.in_reset_set || outcome.terminated;
         self.idle_aborts = 0;
+        let Some(number) = number else { return };
         match turn {
             AgentRole::Forward => self.before = Some(number),
             AgentRole::Reset if outcome.in_reset_set && !outcome.terminated => {
@@ -82,6 +85,8 @@ impl ResetCycle {
     /// environment ended, which is an attempt that failed before its first step.
     pub(super) fn note_outcome(&mut self, tally: &Tally, end: EpisodeEnd, has_reset: bool) {
         let length = match self.turn {
+            // What is executed while a hard reset is awaited belongs to no episode.
+            _ if self.hard_reset_due.is_some() => return,
             AgentRole::Reset if !end.is_cut() && end != EpisodeEnd::WorkerLost => tally.length,
             AgentRole::Forward if end == EpisodeEnd::Terminated => 0,
             _ => return,
@@ -90,7 +95,7 @@ impl ResetCycle {
             let end_number = experience.next_number();
             experience.note_attempt(Attempt {
                 before: self.since_reset.before,
-                first: end_number - length,
+                first: end_number.saturating_sub(length),
                 end: end_number,
                 reached: self.since_reset.reached,
                 succeeded: has_reset,
@@ -117,6 +122,6 @@ impl ResetCycle {
             .act(observation, ActMode::Greedy, &mut self.action)
             .and_then(|()| success.critic().probabilities(observation, &self.action, &mut self.values));
         let mean = self.values.iter().sum::<f32>() / self.values.len() as f32;
-        self.since_reset.predicted = expected.is_ok().then_some(mean);
+        self.since_reset.predicted = expected.is_ok().then_some(mean).filter(|mean| mean.is_finite());
     }
 }
