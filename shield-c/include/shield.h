@@ -36,6 +36,17 @@ typedef struct Shield Shield;
 // Verdict: the reset agent is in charge, and the buffer holds its action.
 #define SHIELD_RESETTING 5
 
+// A reset policy of the caller, such as a hand-written way home: writes the action for an observation into `action`, and returns SHIELD_DONE.
+// Anything else says that it has no action; that, and an action that is not finite or outside the space, is never executed.
+//
+// It is also asked about observations of the past, from which the success critic learns: its action must depend on the observation alone. It
+// neither throws nor calls a function of this header with the same shield.
+typedef int32_t (*ShieldPolicy)(void *context,
+                                const float *observation,
+                                size_t observation_len,
+                                float *action,
+                                size_t action_len);
+
 #ifdef __cplusplus
 extern "C" {
 #endif // __cplusplus
@@ -47,6 +58,16 @@ extern "C" {
 // # Safety
 // `config` is a text that ends with 0.
 Shield *shield_open(const char *config);
+
+// As `shield_open`, with a reset policy of the caller in the place of a reset agent that learns; the file names no `reset`. `context` is handed to
+// it at each call. What it remembers is in no file of `shield_save`.
+//
+// # Safety
+// `config` is a text that ends with 0. `reset_policy` is such a function, and it and `context` can be used until `shield_close` by the thread that
+// uses the shield.
+Shield *shield_open_with_policy(const char *config,
+                                ShieldPolicy reset_policy,
+                                void *context);
 
 // Decides on `action`, which afterwards holds what may be executed, whatever is returned: after a failure the action of the space that is nearest to
 // 0, and zeros where `shield` is null. The first observation of all is taken for a start.

@@ -21,6 +21,7 @@ use shield_api::{Error, Phase, ResetSignal};
 use crate::{
     errors,
     handle::{self, Shield},
+    policy_ffi,
 };
 
 /// The call has failed; `shield_last_error` says why.
@@ -38,6 +39,21 @@ pub const SHIELD_ABORT: i32 = 4;
 /// Verdict: the reset agent is in charge, and the buffer holds its action.
 pub const SHIELD_RESETTING: i32 = 5;
 
+/// A reset policy of the caller, such as a hand-written way home: writes the action for an observation into `action`, and returns SHIELD_DONE.
+/// Anything else says that it has no action; that, and an action that is not finite or outside the space, is never executed.
+///
+/// It is also asked about observations of the past, from which the success critic learns: its action must depend on the observation alone. It
+/// neither throws nor calls a function of this header with the same shield.
+pub type ShieldPolicy = Option<
+    unsafe extern "C" fn(
+        context: *mut c_void,
+        observation: *const f32,
+        observation_len: usize,
+        action: *mut f32,
+        action_len: usize,
+    ) -> i32,
+>;
+
 /// Opens the shield that the RON file `config` describes, its `spaces` included. Plugins are looked for in SHIELD_PLUGIN_PATH, beside this
 /// library, in `plugins` beside it, and in the user's data folder.
 /// Returns null where that fails. One thread at a time may use a shield.
@@ -49,7 +65,28 @@ pub unsafe extern "C" fn shield_open(config: *const c_char) -> *mut Shield {
     let opened = handle::guarded(|| -> Result<Shield, String> {
         // SAFETY: the caller's promise; null is refused inside.
         let config = unsafe { path(config) }.ok_or("the path of the configuration is null")?;
-        handle::open(&config, library_folder().as_deref())
+        handle::open(&config, library_folder().as_deref(), None)
+    });
+    opened.map_or(ptr::null_mut(), |shield| Box::into_raw(Box::new(shield)))
+}
+
+/// As `shield_open`, with a reset policy of the caller in the place of a reset agent that learns; the file names no `reset`. `context` is handed to
+/// it at each call. What it remembers is in no file of `shield_save`.
+///
+/// # Safety
+/// `config` is a text that ends with 0. `reset_policy` is such a function, and it and `context` can be used until `shield_close` by the thread that
+/// uses the shield.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn shield_open_with_policy(
+    config: *const c_char,
+    reset_policy: ShieldPolicy,
+    context: *mut c_void,
+) -> *mut Shield {
+    let opened = handle::guarded(|| -> Result<Shield, String> {
+        // SAFETY: the caller's promise; null is refused inside.
+        let config = unsafe { path(config) }.ok_or("the path of the configuration is null")?;
+        let reset = policy_ffi::controller(reset_policy, context).ok_or("the reset policy is null")?;
+        handle::open(&config, library_folder().as_deref(), Some(reset))
     });
     opened.map_or(ptr::null_mut(), |shield| Box::into_raw(Box::new(shield)))
 }

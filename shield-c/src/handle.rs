@@ -8,6 +8,7 @@ use std::{
 };
 
 use runtime::{
+    controller::Controller,
     drop_in::DropIn,
     experiment::DropInFile,
     plugin::{Registry, SearchPath},
@@ -25,12 +26,21 @@ pub struct Shield {
     is_poisoned: bool,
 }
 
-/// Opens the shield that a file describes. Plugins are looked for beside the library, too.
-pub fn open(config: &Path, library_folder: Option<&Path>) -> Result<Shield, String> {
+/// Opens the shield that a file describes, with a reset agent that the caller gives if the file names none. Plugins are looked for beside the
+/// library, too.
+pub fn open(
+    config: &Path,
+    library_folder: Option<&Path>,
+    reset: Option<Controller>,
+) -> Result<Shield, String> {
     let file = DropInFile::read(config, &[]).map_err(|error| error.to_string())?;
     let search_path = library_folder.map_or_else(SearchPath::from_environment, SearchPath::beside);
     let registry = Registry::scan(&search_path);
-    let drop_in = file.open(&registry, None).map_err(|error| error.to_string())?;
+    let opened = match reset {
+        None => file.open(&registry, None),
+        Some(reset) => file.open_with(&registry, None, reset),
+    };
+    let drop_in = opened.map_err(|error| error.to_string())?;
     let rest = drop_in.fallback_action().to_vec();
     Ok(Shield { drop_in, reason: CString::default(), rest, is_poisoned: false })
 }

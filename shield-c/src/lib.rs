@@ -4,3 +4,4 @@
 mod errors;
 mod ffi;
 mod handle;
+mod policy_ffi;

@@ -13,11 +13,11 @@
 pub use shield_check::{environment_check, plugin_bench, plugin_check};
 pub use shield_config::{atomic_file, drop_in_files, experiment};
 pub use shield_core::{
-    agent, critic, cycle, decision, drop_in, events, experience, plugin_state, settings, shield, shielded,
-    world,
+    agent, controller, critic, cycle, decision, drop_in, events, experience, plugin_state, settings, shield,
+    shielded, world,
 };
 pub use shield_host::plugin;
 #[cfg(feature = "lab")]
-pub use shield_lab::{checkpoint, evaluation, joint_loop, lanes, loop_state, observer, run};
+pub use shield_lab::{checkpoint, evaluation, joint_loop, lanes, loop_state, observer, reliability, run};
 #[cfg(feature = "report")]
 pub use shield_report::{film, report};

@@ -17,7 +17,7 @@ use shield_runtime::{
     agent::ForwardAgent,
     cycle::Evaluated,
     evaluation::Evaluator,
-    events::{Counters, EpisodeEnd, EvaluationEvent, EvaluationFigures},
+    events::{AttemptOutcome, Counters, EpisodeEnd, EvaluationEvent, EvaluationFigures},
     experience::AgentRole,
     experiment::{
         BetweenAttempts, Endings, EvaluatedAgent, Mode, OnAbort, OnResetFailure, OnResetSuccess,
@@ -93,7 +93,10 @@ fn an_attempt_succeeds_by_any_visited_state_or_by_its_final_one() {
         scene.settings.cycle.reset_test = test;
         let (counters, notebook) = scene.run();
         assert_eq!(counters.hard_resets, hard_resets, "{test:?}");
-        assert_eq!(notebook.episodes[1].length, EPISODE as u64);
+        let [forward, attempt] = &notebook.episodes[..] else { panic!("{:?}", notebook.episodes) };
+        assert_eq!(attempt.length, EPISODE as u64);
+        let outcome = if hard_resets == 0 { AttemptOutcome::Succeeded } else { AttemptOutcome::Failed };
+        assert_eq!((forward.attempt, attempt.attempt), (None, Some(outcome)), "{test:?}");
     }
 }
 
@@ -147,6 +150,7 @@ fn a_terminated_environment_is_reset_at_once_and_the_end_is_terminal_for_both() 
             .iter()
             .all(|episode| episode.end == EpisodeEnd::Terminated && episode.hard_reset.is_some())
     );
+    assert!(notebook.episodes.iter().all(|episode| episode.attempt == Some(AttemptOutcome::Failed)));
     for seen in [seen, seen_by_reset] {
         let continuations: Vec<f32> = seen.lock().unwrap().iter().map(|row| row.1).collect();
         assert_eq!(continuations, [1.0, 0.0].repeat(10));

@@ -142,3 +142,22 @@ pub fn with_shield(experiment: &str, shield: &str) -> String {
     let length = experiment[start..].find("],\n").expect("the rules end with their line");
     format!("{}{shield}{}", &experiment[..start], &experiment[start + length + 2..])
 }
+
+/// The cart's way home, a network in ONNX, as the reset agent of an experiment or a drop-in.
+pub fn way_home() -> String {
+    let path = workspace().join("examples/policies/home.onnx");
+    format!(r#"Policy(plugin: "onnx", config: (path: {path:?}, output: Normalised))"#)
+}
+
+/// The small experiment with the cart, its reset agent in the place of which stands its [`way_home`], judged by a success critic.
+pub fn driven_home(steps: u64, extra: &str) -> String {
+    let text = cart(steps, extra);
+    let (before, reset) = text.split_once("reset: ").expect("the cart has a reset agent");
+    let (_, after) = reset.split_once("\n").expect("it stands on a line");
+    let text = format!("{before}reset: {},\n{after}", way_home());
+    text.replace(
+        r#"(plugin: "ensemble-threshold", config: (q_min: 1.0, combine: Realist))"#,
+        r#"(plugin: "undo-probability")"#,
+    )
+    .replace("warm_up_steps: 300", "warm_up_steps: 0")
+}

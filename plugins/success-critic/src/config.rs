@@ -19,7 +19,7 @@ shield_api::config! {
         tau: f64 = 0.005,
         /// P everywhere before anything was learned, above 0 and below 1 (chosen: trusts what it does not know).
         initial_probability: f64 = 0.88,
-        /// Scales observations by the running mean and variance of the batches (as the learners do).
+        /// Scales observations by the running mean and variance of the batches (as the learners do); those of a choice stay as they are.
         normalise_observations: bool = true,
     }
 }

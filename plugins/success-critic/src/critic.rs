@@ -2,7 +2,7 @@
 
 use actor_critic::{CriticStep, Normaliser, check_finite_output, cross_entropy, sigmoid};
 use learner_kit::{UndoTarget, check_attempts, plugin_error};
-use shield_api::{AttemptBatch, Error, Result, SuccessCritic, SuccessCriticInfo, check_length};
+use shield_api::{AttemptBatch, Error, Result, SuccessCritic, SuccessCriticInfo, check_finite, check_length};
 
 use crate::CriticEnsemble;
 
@@ -80,6 +80,10 @@ impl SuccessCritic for CriticEnsemble {
 }
 
 impl CriticEnsemble {
+    fn observation_len(&self) -> usize {
+        self.critics.architecture().observation_len()
+    }
+
     /// Writes each member's P(s, a); where asked for, leaves the gradient of its logit in `answers`.
     fn estimate(
         &mut self,
@@ -88,11 +92,11 @@ impl CriticEnsemble {
         probabilities: &mut [f32],
         with_gradients: bool,
     ) -> Result<()> {
+        check_finite("observation", observation, self.observation_len())?;
         check_length("probabilities", probabilities, self.config.members)?;
         let buffers = &mut self.buffers;
-        self.observations.take_rows("observation", observation, 1, &mut self.rows)?;
         self.actions.take_rows("action", action, 1, &mut buffers.action)?;
-        Normaliser::take_rows(self.normaliser.as_ref(), &self.rows, &mut buffers.observation);
+        Normaliser::take_rows(self.normaliser.as_ref(), observation, &mut buffers.observation);
         self.critics.for_each_member(&mut self.answers, |critic, answer| {
             critic.observe(&buffers.observation);
             answer.logit = critic.values(&buffers.action)[0];
@@ -108,18 +112,16 @@ impl CriticEnsemble {
 
     /// Checks the whole batch before anything changes, and copies it into the buffers.
     fn take_batch(&mut self, batch: &AttemptBatch<'_>) -> Result<()> {
-        check_attempts(batch, self.observations.len(), self.config.members)?;
+        check_attempts(batch, self.observation_len(), self.config.members)?;
         let (buffers, size) = (&mut self.buffers, batch.size);
         self.actions.take_rows("actions", batch.actions, size, &mut buffers.actions)?;
         self.actions.take_rows("next_actions", batch.next_actions, size, &mut buffers.next_actions)?;
-        self.observations.take_rows("observations", batch.observations, size, &mut self.rows)?;
         if let Some(normaliser) = &mut self.normaliser {
-            normaliser.observe(&self.rows);
+            normaliser.observe(batch.observations);
         }
         let normaliser = self.normaliser.as_ref();
-        Normaliser::take_rows(normaliser, &self.rows, &mut buffers.observations);
-        self.observations.take_rows("next_observations", batch.next_observations, size, &mut self.rows)?;
-        Normaliser::take_rows(normaliser, &self.rows, &mut buffers.next_observations);
+        Normaliser::take_rows(normaliser, batch.observations, &mut buffers.observations);
+        Normaliser::take_rows(normaliser, batch.next_observations, &mut buffers.next_observations);
         Ok(())
     }
 }

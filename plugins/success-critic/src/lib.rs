@@ -1,10 +1,10 @@
 #![doc = include_str!("../README.md")]
 #![forbid(unsafe_code)]
 
+mod action_input;
 mod checkpoint;
 mod config;
 mod critic;
-mod input;
 #[cfg(test)]
 mod tests;
 
@@ -14,10 +14,10 @@ use actor_critic::{
 use learner_kit::plugin_error;
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
-use shield_api::{Host, Plugin, Result, Setup};
+use shield_api::{Host, Plugin, Result, Setup, Space};
 
+use action_input::ActionInput;
 pub use config::SuccessCriticConfig;
-use input::Input;
 
 /// An ensemble of networks for P(s, a), each with its own target network.
 #[derive(Debug)]
@@ -27,10 +27,7 @@ pub struct CriticEnsemble {
     /// z₁ … zₙ with P = σ(z).
     critics: Ensemble<f32>,
     optimiser: Adam,
-    observations: Input,
-    actions: Input,
-    /// Rows as the networks see them, before they are scaled.
-    rows: Vec<f32>,
+    actions: ActionInput,
     normaliser: Option<Normaliser>,
     /// Memory that is kept between calls, so that none is allocated after the first.
     buffers: Buffers,
@@ -53,9 +50,8 @@ impl Plugin for CriticEnsemble {
     fn create(config: SuccessCriticConfig, setup: &Setup) -> Result<Self> {
         config.validate().map_err(plugin_error)?;
         let spaces = setup.spaces()?;
-        let (observations, actions) =
-            (Input::of_observations(&spaces.observation), Input::of_actions(&spaces.action)?);
-        let (observation_len, action_len) = (observations.input_len(), actions.input_len());
+        let (observation_len, actions) = (spaces.observation_len(), ActionInput::new(&spaces.action)?);
+        let action_len = actions.input_len();
         let mut rng = Pcg64::seed_from_u64(setup.seed);
         // The action enters before the second layer, as in the learners' critics. One thread: waking another takes longer than a network.
         let network = Architecture::critic(observation_len, action_len, &config.hidden, 1, Activation::Tanh);
@@ -69,11 +65,9 @@ impl Plugin for CriticEnsemble {
             host: setup.host,
             critics,
             optimiser: Adam::new(config.learning_rate),
-            normaliser: (config.normalise_observations && matches!(observations, Input::Plain(_)))
-                .then(|| Normaliser::new(observation_len)),
-            observations,
             actions,
-            rows: Vec::new(),
+            normaliser: (config.normalise_observations && matches!(spaces.observation, Space::Box { .. }))
+                .then(|| Normaliser::new(observation_len)),
             buffers: Buffers::default(),
             steps: vec![CriticStep::default(); config.members],
             answers: vec![Answer { logit: 0.0, gradient: vec![0.0; action_len] }; config.members],

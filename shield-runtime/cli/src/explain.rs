@@ -1,5 +1,7 @@
 //! `shield explain`: why an action was rejected.
 
+mod undoing;
+
 use std::{collections::BTreeMap, path::PathBuf};
 
 use anyhow::{Context, Result};
@@ -20,7 +22,7 @@ pub struct ExplainArguments {
 }
 
 /// A row of `interventions.csv`.
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Default, Deserialize)]
 struct Rejection {
     step: u64,
     phase: String,
@@ -36,7 +38,23 @@ struct Rejection {
     distance: String,
 }
 
-/// Prints why an action was rejected: rule, members, threshold, and what projection tried.
+/// Which it is of several alike at one step: aborts with nothing to undo follow one another without a step between them.
+#[derive(Debug, Clone, Copy)]
+struct Place {
+    nth: usize,
+    of: usize,
+}
+
+impl Place {
+    fn of(rejections: &[Rejection], index: usize) -> Self {
+        let key = |one: &Rejection| (one.step, one.phase.clone(), one.verdict.clone());
+        let is_alike = |one: &&Rejection| key(one) == key(&rejections[index]);
+        let nth = rejections[..index].iter().filter(is_alike).count();
+        Self { nth, of: rejections.iter().filter(is_alike).count() }
+    }
+}
+
+/// Prints why an action was rejected: rule, members, probabilities, threshold, and what projection tried.
 pub fn explain(arguments: &ExplainArguments) -> Result<(), Failure> {
     let input = |error: anyhow::Error| Failure::Input(format!("{error:#}"));
     one_run(&arguments.run)?;
@@ -44,11 +62,11 @@ pub fn explain(arguments: &ExplainArguments) -> Result<(), Failure> {
     if rejections.is_empty() {
         return output::result("No action was rejected.");
     }
+    let explain = |index: usize| explained(arguments, &rejections[index], Place::of(&rejections, index));
     let Some(step) = arguments.step else {
-        let last = &rejections[rejections.len() - 1];
-        return output::result(counted(&rejections) + &explained(arguments, last));
+        return output::result(counted(&rejections) + &explain(rejections.len() - 1));
     };
-    let chosen: Vec<_> = rejections.iter().filter(|rejection| rejection.step == step).collect();
+    let chosen: Vec<usize> = (0..rejections.len()).filter(|index| rejections[*index].step == step).collect();
     if chosen.is_empty() {
         let near = rejections.iter().min_by_key(|rejection| rejection.step.abs_diff(step));
         let near = near.map_or(0, |rejection| rejection.step);
@@ -56,7 +74,7 @@ pub fn explain(arguments: &ExplainArguments) -> Result<(), Failure> {
             "no action was rejected at step {step}; the nearest rejection is at step {near}: --step {near}"
         )));
     }
-    let texts: Vec<String> = chosen.into_iter().map(|rejection| explained(arguments, rejection)).collect();
+    let texts: Vec<String> = chosen.into_iter().map(explain).collect();
     output::result(texts.join("\n"))
 }
 
@@ -83,7 +101,7 @@ fn counted(rejections: &[Rejection]) -> String {
     text + "The last of them:\n\n"
 }
 
-fn explained(arguments: &ExplainArguments, rejection: &Rejection) -> String {
+fn explained(arguments: &ExplainArguments, rejection: &Rejection, place: Place) -> String {
     let Rejection { step, phase, verdict, cause, rule, score, reason, .. } = rejection;
     let mut lines =
         vec![format!("step {step}, {phase} agent: {verdict} ({cause})"), format!("  why        {reason}")];
@@ -92,13 +110,18 @@ fn explained(arguments: &ExplainArguments, rejection: &Rejection) -> String {
             score.parse().map_or(String::new(), |score| format!(", which compared {}", short(score)));
         lines.push(format!("  rule       {rule}{compared}"));
     }
+    let found = find(arguments, rejection, place);
+    if let Ok(Some(row)) = &found {
+        lines.extend(undoing::probabilities(row));
+    }
+    lines.extend(undoing::threshold(&arguments.run, rejection, place));
     lines.push(format!("  proposed   {}", rejection.proposed));
     lines.push(match verdict.as_str() {
         "abort" => "  executed   nothing: the reset agent took over".into(),
         _ => format!("  executed   {}", rejection.executed),
     });
     lines.push(format!("  projection {}", tried(rejection)));
-    match find(arguments, rejection) {
+    match found {
         Ok(Some(row)) => lines.extend(members(&row)),
         Ok(None) => {
             lines.push("  members    this decision was not recorded (`record: (decisions: …)`)".into())
@@ -129,10 +152,13 @@ fn tried(rejection: &Rejection) -> String {
 }
 
 /// The recorded decision of a rejection.
-fn find(arguments: &ExplainArguments, rejection: &Rejection) -> Result<Option<DecisionRow>> {
-    let mut found = None;
+fn find(arguments: &ExplainArguments, rejection: &Rejection, place: Place) -> Result<Option<DecisionRow>> {
+    let (mut found, mut before) = (None, 0);
     read_decisions(&arguments.run, |row| {
-        let is_it = row.step == rejection.step && row.phase == rejection.phase;
+        let Rejection { step, phase, verdict, .. } = rejection;
+        let is_alike = (&row.step, &row.phase, &row.verdict) == (step, phase, verdict);
+        let is_it = is_alike && before == place.nth;
+        before += usize::from(is_alike);
         let is_beyond = row.step > rejection.step;
         if is_it {
             found = Some(row);

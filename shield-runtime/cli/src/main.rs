@@ -39,7 +39,7 @@ Examples:
   shield run my.ron --set shield.rules[0].config.q_min=5 --out elsewhere
   shield resume runs/quickstart                            go on with what was stopped or killed
   shield explain runs/mine/shielded/seed-0 --step 1234     why an action was rejected
-  shield what-if runs/mine/shielded/seed-0 --q-min 5,10    what another threshold would have rejected
+  shield what-if runs/mine/shielded/seed-0 --risk 0.1,0.2  what another accepted risk would have rejected
   shield eval runs/quickstart --episodes 100               how good the agents are, with the shield and without
   shield report runs/quickstart --png pictures             a page with figures, and these as files
   shield export runs/mine/shielded/seed-0                  weights and policies for other programs
@@ -59,7 +59,7 @@ enum Command {
     Run(run::RunArguments),
     /// Goes on with the runs of a folder that were stopped or killed, as if they had never been.
     Resume(resume::ResumeArguments),
-    /// Says why the shield rejected an action: rule, members, threshold, and what projection tried.
+    /// Says why the shield rejected an action: rule, probabilities, members, threshold, and what projection tried.
     Explain(explain::ExplainArguments),
     /// Replays the shield's decisions of a run under other settings, and tables what would have been rejected.
     WhatIf(what_if::WhatIfArguments),

@@ -107,6 +107,9 @@ impl<'a> Session<'a> {
         let Outcomes { summaries, failures } = outcomes;
         if !summaries.is_empty() {
             output::note(table::results(&names, &bare, &summaries));
+            if let Some(attempts) = table::attempts(&names, &summaries) {
+                output::note(attempts);
+            }
         }
         if !failures.is_empty() {
             let list = failures.join("\n  ");

@@ -1,4 +1,8 @@
-//! The table at the end of an experiment.
+//! The tables at the end of an experiment.
+
+mod attempts;
+
+pub use attempts::attempts;
 
 use comfy_table::{CellAlignment, Table, presets::UTF8_FULL_CONDENSED};
 use shield_lab::run::Summary;

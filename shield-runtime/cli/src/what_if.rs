@@ -1,17 +1,20 @@
 //! `shield what-if`: the decisions of a run under other settings.
 
+mod calibration;
+mod settings;
+
 use std::path::{Path, PathBuf};
 
 use clap::Args;
 use comfy_table::{Cell, CellAlignment, Table, presets::UTF8_FULL_CONDENSED};
 use indicatif::{ProgressBar, ProgressStyle};
 use shield_config::experiment::{ExperimentFile, Override, Variant};
+use shield_core::events::AttemptOutcome;
 use shield_host::plugin::Registry;
-use shield_lab::run::{Counterfactual, Replay, calibration, counterfactual, replay};
+use shield_lab::run::{Counterfactual, Replay, counterfactual, read_attempts, replay};
 
+use self::settings::{Axis, Row, Settings};
 use super::{Failure, eval::one_run, output};
-
-const RULE: &str = "ensemble-threshold";
 
 /// Arguments of `shield what-if`.
 #[derive(Args)]
@@ -19,7 +22,13 @@ const RULE: &str = "ensemble-threshold";
 Replays every recorded forward decision through the rules themselves. Only what the rules reject is counted: nothing is projected, and no \
 action that was not executed is followed any further.
 
+The rule `undo-probability` moves its threshold with the outcome of each attempt to get back to the start. In a replay it hears the outcomes of \
+the attempts that the run made, in their order. With another accepted risk the shield would have aborted elsewhere, and other attempts would \
+have followed; how these would have ended, no replay can know. So a row of --risk shows in which direction a setting acts, the less the \
+further it lies from the recorded one.
+
 Examples:
+  shield what-if runs/mine/shielded/seed-0 --risk 0.1,0.2
   shield what-if runs/mine/shielded/seed-0 --q-min 5,10,20 --combine min,mean
   shield what-if runs/mine/shielded/seed-0 --set shield.rules[0].config.relative=true
   shield what-if runs/mine/shielded/seed-0 --calibration
@@ -27,20 +36,23 @@ Examples:
 pub struct WhatIfArguments {
     /// The folder of a run, <OUT>/<experiment>/<variant>/seed-<n>.
     run: PathBuf,
+    /// Accepted risks of the rule `undo-probability`, for example 0.1,0.2: shares of the attempts that may fail.
+    #[arg(long, value_delimiter = ',', conflicts_with = "q_min")]
+    risk: Vec<f32>,
     /// Values of `q_min` of the rule `ensemble-threshold`, for example 5,10,20.
     #[arg(long, value_delimiter = ',', allow_negative_numbers = true)]
     q_min: Vec<f32>,
-    /// Ways to combine of the rule `ensemble-threshold`: min, mean, max, or what its configuration takes.
+    /// Ways to combine of the rule `ensemble-threshold` or `undo-probability`: min, mean, max, or what its configuration takes.
     #[arg(long, value_delimiter = ',')]
     combine: Vec<String>,
     /// Sets any field of the rules in every row, for example shield.rules[1].config.limit=3. May be repeated.
     #[arg(long = "set", value_name = "PATH=VALUE")]
     sets: Vec<String>,
-    /// Tables the reset ensemble's mean value at the start of each reset episode against its success, instead.
-    #[arg(long, conflicts_with_all = ["q_min", "combine", "sets", "counterfactual"])]
+    /// Tables the reset ensemble's mean value at the start of each reset episode, and the success critic's estimate, against its success, instead.
+    #[arg(long, conflicts_with_all = ["risk", "q_min", "combine", "sets", "counterfactual"])]
     calibration: bool,
     /// Restores the states that `record: (states_every: …)` kept, executes each proposed action, and lets the final reset policy try to undo it, instead.
-    #[arg(long, conflicts_with_all = ["q_min", "combine", "sets"])]
+    #[arg(long, conflicts_with_all = ["risk", "q_min", "combine", "sets"])]
     counterfactual: bool,
 }
 
@@ -48,36 +60,23 @@ pub struct WhatIfArguments {
 pub fn what_if(arguments: &WhatIfArguments, registry: &Registry) -> Result<(), Failure> {
     one_run(&arguments.run)?;
     if arguments.calibration {
-        return print_calibration(&arguments.run);
+        return calibration::print(&arguments.run);
     }
     if arguments.counterfactual {
         return print_counterfactual(&arguments.run, registry);
     }
     let file = ExperimentFile::read(arguments.run.join("config.ron"))?;
     let recorded = one_variant(&file, &[])?;
-    let has_sets = !arguments.sets.is_empty();
-    let not_given = if has_sets { "-" } else { "as recorded" };
-    let headings = has_sets.then_some("set").into_iter().chain(["q_min", "combine"]);
-    let mut first = vec![String::new(); headings.clone().count()];
-    first[0] = "as recorded".into();
-    let mut rows = vec![(first, run(registry, &recorded, arguments)?)];
-    let or_one = |count: usize| count.max(1);
-    for index in 0..or_one(arguments.q_min.len()) * or_one(arguments.combine.len()) {
-        let q_min = arguments.q_min.get(index / or_one(arguments.combine.len()));
-        let combine = arguments.combine.get(index % or_one(arguments.combine.len()));
-        let sets = overrides(&recorded, arguments, q_min, combine)?;
-        if sets.is_empty() {
-            continue;
-        }
-        let variant = one_variant(&file, &sets)?;
-        let name = |given: Option<String>| given.unwrap_or_else(|| not_given.into());
-        let mut settings = vec![name(q_min.map(f32::to_string)), name(combine.cloned())];
-        if has_sets {
-            settings.insert(0, arguments.sets.join("\n"));
-        }
-        rows.push((settings, run(registry, &variant, arguments)?));
+    let axis = Axis::of(arguments, &recorded);
+    let settings = Settings::of(arguments, axis)?;
+    let mut rows = vec![(settings.as_recorded(&recorded), run(registry, &recorded, arguments)?)];
+    for Row { cells, overrides } in settings.rows(&recorded)? {
+        rows.push((cells, run(registry, &one_variant(&file, &overrides)?, arguments)?));
     }
-    output::result(table(headings, &rows))?;
+    output::result(table(&settings.headings(), &rows))?;
+    if axis == Axis::Risk {
+        output::result(told_of_attempts(&arguments.run)?)?;
+    }
     let every = recorded.experiment.record.decisions;
     if every > 1 {
         output::result(format_args!(
@@ -97,64 +96,36 @@ fn run(registry: &Registry, variant: &Variant, arguments: &WhatIfArguments) -> R
     replay(registry, variant, &arguments.run).map_err(|error| Failure::Input(format!("{error:#}")))
 }
 
-/// The overrides of one row of the table.
-fn overrides(
-    recorded: &Variant,
-    arguments: &WhatIfArguments,
-    q_min: Option<&f32>,
-    combine: Option<&String>,
-) -> Result<Vec<Override>, Failure> {
-    let mut overrides = Vec::new();
-    for set in &arguments.sets {
-        let set = Override::parse(set)?;
-        if !set.path.starts_with("shield.rules") {
-            return Err(Failure::Input(format!(
-                "--set {}={}: a replay reads nothing but the rules, `shield.rules`",
-                set.path, set.value
-            )));
-        }
-        overrides.push(set);
+/// What the rules heard of attempts, and what that leaves open.
+fn told_of_attempts(run: &Path) -> Result<String, Failure> {
+    let attempts = read_attempts(run).map_err(|error| Failure::Input(format!("{error:#}")))?;
+    if attempts.is_empty() {
+        return Ok(
+            "The run recorded no attempt whose outcome could be told to the rule: its threshold stays."
+                .into(),
+        );
     }
-    if q_min.is_none() && combine.is_none() {
-        return Ok(overrides);
-    }
-    let rules = recorded.experiment.plugins();
-    let Some((path, ..)) =
-        rules.iter().find(|(path, _, rule)| path.starts_with("shield.") && rule.plugin == RULE)
-    else {
-        return Err(Failure::Input(format!(
-            "the run has no rule {RULE:?}, to which --q-min and --combine belong; --set sets any field of another"
-        )));
-    };
-    if let Some(q_min) = q_min {
-        let origin = format!("--q-min {q_min}");
-        overrides.push(Override::new(&format!("{path}.config.q_min"), &format!("{q_min:?}"), origin)?);
-    }
-    if let Some(combine) = combine {
-        let value = match combine.as_str() {
-            "min" => "Pessimistic",
-            "mean" => "Realist",
-            "max" => "Optimistic",
-            other => other,
-        };
-        overrides.push(Override::new(
-            &format!("{path}.config.combine"),
-            value,
-            format!("--combine {combine}"),
-        )?);
-    }
-    Ok(overrides)
+    let failed = attempts.iter().filter(|attempt| attempt.outcome == AttemptOutcome::Failed).count();
+    let share = 100.0 * failed as f64 / attempts.len() as f64;
+    Ok(format!(
+        "The rule hears how the {} attempts of the run ended: {failed} failed ({share:.0}%). A replay cannot know the outcomes of attempts that were\n\
+         not made, and with another accepted risk others would have been. So a row shows in which direction a setting acts, the less the\n\
+         further it lies from the recorded one.",
+        attempts.len()
+    ))
 }
 
 /// A row per replay: what was set, under `headings`, and what came of it.
-fn table(headings: impl Iterator<Item = &'static str>, rows: &[(Vec<String>, Replay)]) -> Table {
+fn table(headings: &[&str], rows: &[(Vec<String>, Replay)]) -> Table {
     let mut table = Table::new();
     table.load_preset(UTF8_FULL_CONDENSED);
     let figures = ["decisions", "rejected", "%", "of them failed", "newly allowed", "newly rejected"];
-    table.set_header(headings.chain(figures));
+    let has_threshold = rows.iter().any(|(_, replay)| replay.mean_threshold.is_some());
+    let mean = has_threshold.then_some("mean threshold");
+    table.set_header(headings.iter().copied().chain(figures).chain(mean));
     for (settings, replay) in rows {
         let share = 100.0 * replay.rejected as f64 / replay.decisions.max(1) as f64;
-        let figures = [
+        let mut figures = vec![
             replay.decisions.to_string(),
             replay.rejected.to_string(),
             format!("{share:.2}"),
@@ -162,7 +133,10 @@ fn table(headings: impl Iterator<Item = &'static str>, rows: &[(Vec<String>, Rep
             replay.newly_allowed.to_string(),
             replay.newly_rejected.to_string(),
         ];
+        let threshold = || replay.mean_threshold.map_or("-".into(), |threshold| format!("{threshold:.3}"));
+        figures.extend(has_threshold.then(threshold));
         let mut cells: Vec<Cell> = settings.iter().map(Cell::new).collect();
+        let figures = figures.into_iter();
         cells.extend(figures.map(|figure| Cell::new(figure).set_alignment(CellAlignment::Right)));
         table.add_row(cells);
     }
@@ -198,22 +172,4 @@ fn print_counterfactual(run: &Path, registry: &Registry) -> Result<(), Failure> 
         "These are single-step counterfactuals: each action is executed in its restored state, and what follows is the final reset policy's, not the\n\
          policy's of that time. Nothing is said of actions that would have come later.",
     )
-}
-
-fn print_calibration(run: &Path) -> Result<(), Failure> {
-    let bins = calibration(run).map_err(|error| Failure::Input(format!("{error:#}")))?;
-    let mut table = Table::new();
-    table.load_preset(UTF8_FULL_CONDENSED);
-    table.set_header(["reset value from", "to", "reset episodes", "successful, %"]);
-    for bin in &bins {
-        let share = 100.0 * bin.successes as f64 / bin.episodes as f64;
-        let figures = [
-            format!("{:.3}", bin.low),
-            format!("{:.3}", bin.high),
-            bin.episodes.to_string(),
-            format!("{share:.1}"),
-        ];
-        table.add_row(figures.map(|figure| Cell::new(figure).set_alignment(CellAlignment::Right)));
-    }
-    output::result(table)
 }

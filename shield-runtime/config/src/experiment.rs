@@ -26,7 +26,7 @@ use shield_api::{
 pub use config::{
     BetweenAttempts, CheckpointConfig, DropInConfig, Endings, EvaluatedAgent, EvaluationConfig,
     ExperienceConfig, Experiment, Forward, Mode, OnAbort, OnResetFailure, OnResetSuccess, OnWorkerFailure,
-    PluginChoice, ProjectionConfig, QpConfig, RecordConfig, ResetAttempts, ResetTest, RuleConfig,
+    PluginChoice, ProjectionConfig, QpConfig, RecordConfig, Reset, ResetAttempts, ResetTest, RuleConfig,
     ShieldConfig, SpaceConfig, SpacesConfig, Unlimited, Updates, WorkerConfig, cycle_settings,
 };
 pub use defaults::Defaults;

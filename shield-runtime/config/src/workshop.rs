@@ -1,5 +1,6 @@
 //! Makes the plugins that an experiment or a drop-in names, and leads what they refuse back to the user's file.
 
+mod agents;
 mod drop_in;
 
 use std::time::Duration;
@@ -7,10 +8,11 @@ use std::time::Duration;
 use indexmap::IndexMap;
 use rand::Rng;
 use rand_pcg::Pcg64;
-use shield_api::{AbortRule, Learner, ResetTask, Setup, Spaces};
+use shield_api::{AbortRule, Learner, LearnerInfo, ResetTask, Setup, Spaces};
 
 use crate::experiment::{ExperienceConfig, InputError, PluginChoice, RuleConfig, ShieldConfig, Source};
 use shield_core::{
+    controller::check_needs,
     critic::Critic,
     cycle::Memory,
     experience::Experience,
@@ -94,20 +96,6 @@ impl Workshop<'_> {
         Selection { sha256, ..choice.selection() }
     }
 
-    /// Makes the learner at `path`.
-    ///
-    /// # Errors
-    /// It is missing or refuses its configuration.
-    pub fn learner(
-        &self,
-        path: &str,
-        choice: &PluginChoice,
-        setup: &Setup,
-    ) -> Result<Box<dyn Learner>, InputError> {
-        let learner = self.registry.learner(&self.selection(choice), choice.config.get_ron(), setup);
-        Ok(Box::new(learner.map_err(|error| self.input_error(path, error))?))
-    }
-
     /// Makes the reset task.
     ///
     /// # Errors
@@ -115,24 +103,6 @@ impl Workshop<'_> {
     pub fn reset_task(&self, choice: &PluginChoice, setup: &Setup) -> Result<Box<dyn ResetTask>, InputError> {
         let task = self.registry.reset_task(&self.selection(choice), choice.config.get_ron(), setup);
         Ok(Box::new(task.map_err(|error| self.input_error("reset_task", error))?))
-    }
-
-    /// Makes the success critic, if there is one.
-    ///
-    /// # Errors
-    /// It is missing or refuses its configuration.
-    pub fn success_critic(
-        &self,
-        config: &ShieldConfig,
-        batch: usize,
-        spaces: &Spaces,
-    ) -> Result<Option<Critic>, InputError> {
-        let Some(choice) = config.critic() else { return Ok(None) };
-        let setup = self.setup(Stream::Success, spaces);
-        let critic = self.registry.success_critic(&self.selection(choice), choice.config.get_ron(), &setup);
-        let critic = critic.map_err(|error| self.input_error("shield.success_critic", error))?;
-        let sampler = self.generator(Stream::SuccessBatches);
-        Ok(Some(Critic::new(Box::new(critic), batch, spaces, sampler)))
     }
 
     /// The memory of agents with so many members, of the forward and of the reset agent.
@@ -147,6 +117,7 @@ impl Workshop<'_> {
         spaces: &Spaces,
     ) -> Result<Memory, InputError> {
         let experience = Experience::new(config.capacity, spaces, members, config.bootstrap_probability)
+            .map(|experience| experience.with_abort_lifetime(config.abort_lifetime))
             .and_then(|experience| match success {
                 None => Ok(experience),
                 Some(_) => experience.with_undo(config.undo()),
@@ -164,7 +135,8 @@ impl Workshop<'_> {
         spaces: &Spaces,
         stream: Stream,
     ) -> Result<Ladder, InputError> {
-        let rules = self.rules(&config.rules, "shield.rules", &mut self.setup(stream, spaces))?;
+        let setup = &mut self.setup(stream, spaces);
+        let rules = self.rules(&config.rules, "shield.rules", setup, reset.info())?;
         let fallback_action =
             config.fallback_action.clone().unwrap_or_else(|| nearest_to_zero(&spaces.action));
         let settings =
@@ -196,17 +168,18 @@ impl Workshop<'_> {
         rules: &[RuleConfig],
         path: &str,
         setup: &mut Setup,
+        reset: LearnerInfo,
     ) -> Result<Vec<RuleTree>, InputError> {
         let mut trees = Vec::with_capacity(rules.len());
         for (index, rule) in rules.iter().enumerate() {
             let path = format!("{path}[{index}]");
             trees.push(match rule {
-                RuleConfig::Rule(choice) => RuleTree::Rule(self.rule(choice, &path, setup)?),
+                RuleConfig::Rule(choice) => RuleTree::Rule(self.rule(choice, &path, setup, reset)?),
                 RuleConfig::Soft { priority, rule } => {
-                    RuleTree::soft(*priority, self.rule(rule, &format!("{path}.rule"), setup)?)
+                    RuleTree::soft(*priority, self.rule(rule, &format!("{path}.rule"), setup, reset)?)
                 }
-                RuleConfig::All(parts) => RuleTree::All(self.rules(parts, &path, setup)?),
-                RuleConfig::Any(parts) => RuleTree::Any(self.rules(parts, &path, setup)?),
+                RuleConfig::All(parts) => RuleTree::All(self.rules(parts, &path, setup, reset)?),
+                RuleConfig::Any(parts) => RuleTree::Any(self.rules(parts, &path, setup, reset)?),
             });
         }
         Ok(trees)
@@ -217,10 +190,16 @@ impl Workshop<'_> {
         choice: &PluginChoice,
         path: &str,
         setup: &mut Setup,
+        reset: LearnerInfo,
     ) -> Result<Box<dyn AbortRule>, InputError> {
         setup.seed = setup.seed.wrapping_add(1);
         let rule = self.registry.abort_rule(&self.selection(choice), choice.config.get_ron(), setup);
-        Ok(Box::new(rule.map_err(|error| self.input_error(path, error))?))
+        let rule = rule.map_err(|error| self.input_error(path, error))?;
+        check_needs(rule.needs(), reset).map_err(|error| {
+            let message = format!("`{path}` (`{}`): {}", choice.plugin, error.message());
+            self.source.error_at(path, None, message)
+        })?;
+        Ok(Box::new(rule))
     }
 
     /// What a plugin says, at the place in the user's file that it speaks of.

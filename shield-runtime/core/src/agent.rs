@@ -48,6 +48,11 @@ impl Agent {
         self.info
     }
 
+    /// Whether it values actions and learns. A [reset controller](crate::controller) does neither.
+    pub fn learns(&self) -> bool {
+        self.info.members > 0
+    }
+
     /// The learner itself.
     pub fn learner(&mut self) -> &mut dyn Learner {
         &mut *self.learner
@@ -84,12 +89,12 @@ impl Agent {
         Ok(())
     }
 
-    /// Updates from the experience, once it holds a batch for this agent.
+    /// Updates from the experience, once it holds a batch for this agent, if it [learns](Self::learns).
     ///
     /// # Errors
     /// The learner failed.
     pub fn learn(&mut self, experience: &Experience, updates: usize) -> Result<()> {
-        if experience.len_for(self.role) < self.buffers.size().max(1) {
+        if !self.learns() || experience.len_for(self.role) < self.buffers.size().max(1) {
             return Ok(());
         }
         self.metrics.collect_as(self.role.name(), || {

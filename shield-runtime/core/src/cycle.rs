@@ -19,6 +19,7 @@ mod undoing;
 pub use looking::{Deliberation, Evaluated};
 pub use settings::CycleSettings;
 pub use state::{CycleState, LearnedState, UndoState, of_plugin, restore_rules, save_rules};
+pub use undoing::MOST_IDLE_ABORTS;
 
 use rand_pcg::Pcg64;
 use shield_api::{Error, metrics::Metrics};
@@ -115,11 +116,12 @@ pub struct ResetCycle {
 impl ResetCycle {
     /// A cycle before the first start, for observations and actions of these lengths.
     pub fn new(
-        settings: CycleSettings,
+        mut settings: CycleSettings,
         mut parts: CycleParts,
         [observation_len, action_len]: [usize; 2],
     ) -> Self {
         let (action, metrics) = (vec![0.0; action_len], Metrics::default());
+        settings.explores &= parts.reset.as_ref().is_none_or(Agent::learns);
         parts.forward.iter_mut().for_each(|forward| forward.report_to(&metrics));
         parts.reset.iter_mut().for_each(|reset| reset.report_to(&metrics));
         parts.success.iter_mut().for_each(|success| success.report_to(&metrics));
@@ -175,7 +177,7 @@ impl ResetCycle {
         // What an environment shows that has ended may be its start.
         let is_success = role == AgentRole::Reset && !is_unknown && end != EpisodeEnd::Terminated;
         let has_reset = is_success && self.passes_reset_test(&tally);
-        self.note_outcome(&tally, end, has_reset);
+        let attempt = self.note_outcome(&tally, end, has_reset);
         self.counters.worker_restarts += u64::from(end == EpisodeEnd::WorkerLost);
         let is_over = match (&self.settings.mode, role) {
             (Mode::Shielded, AgentRole::Reset) => self.close_attempt(end, has_reset),
@@ -203,6 +205,7 @@ impl ResetCycle {
             success: tally.success,
             end,
             has_reset,
+            attempt,
             reset_value: tally.reset_value,
             hard_reset: None,
         }

@@ -89,7 +89,8 @@ pub struct DropIn {
 }
 
 impl DropIn {
-    /// Begins to describe a shield for an environment with these spaces, and the agent that undoes.
+    /// Begins to describe a shield for an environment with these spaces, and the agent that undoes: a learner, or a
+    /// [`Controller`](crate::controller::Controller) around a policy or a function that is given.
     pub fn builder(spaces: Spaces, reset_agent: Box<dyn Learner>) -> DropInBuilder {
         DropInBuilder::new(spaces, reset_agent)
     }

@@ -42,6 +42,16 @@ impl EpisodeEnd {
     }
 }
 
+/// How an attempt to get back to the start ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "snake_case")]
+pub enum AttemptOutcome {
+    /// The reset set was reached.
+    Succeeded,
+    /// It was not, or the environment terminated before.
+    Failed,
+}
+
 /// One finished episode of either agent.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EpisodeEvent {
@@ -59,6 +69,9 @@ pub struct EpisodeEvent {
     pub end: EpisodeEnd,
     /// For a reset episode: whether it succeeded by the configured test.
     pub has_reset: bool,
+    /// The outcome of the attempt that ended with this episode: of a reset episode that was not cut short, or of a forward episode in which
+    /// the environment terminated, which is a failed attempt.
+    pub attempt: Option<AttemptOutcome>,
     /// For a reset episode: the mean of the ensemble's values of the greedy action at its start.
     pub reset_value: Option<f32>,
     /// For a reset episode: the mean of the success critic's estimates at its start.
@@ -78,6 +91,7 @@ impl EpisodeEvent {
             success: tally.success,
             end,
             has_reset: false,
+            attempt: None,
             reset_value: tally.reset_value,
             undo_probability: None,
             hard_reset: None,

@@ -121,6 +121,8 @@ pub struct Experience {
     observation_len: usize,
     action_len: usize,
     bootstrap_probability: f64,
+    /// Transitions after which an abort is drawn no more.
+    abort_lifetime: Option<u64>,
     /// Transitions ever stored; the next one goes to the slot of that number, modulo the capacity.
     pushed: u64,
     observations: Vec<f32>,
@@ -153,6 +155,7 @@ impl Experience {
             observation_len,
             action_len,
             bootstrap_probability,
+            abort_lifetime: None,
             pushed: 0,
             observations: rows(capacity, observation_len)?,
             actions: rows(capacity, action_len)?,
@@ -161,6 +164,13 @@ impl Experience {
             mask: vec![0; words],
             undo: None,
         })
+    }
+
+    /// Aborts teach only that long, in transitions: later the shield may think otherwise.
+    #[must_use]
+    pub fn with_abort_lifetime(mut self, lifetime: Option<u64>) -> Self {
+        self.abort_lifetime = lifetime;
+        self
     }
 
     /// Also keeps what a success critic learns from; to be said while it is empty.
@@ -348,6 +358,15 @@ impl Experience {
         }
     }
 
+    /// Whether a slot holds an abort that teaches no more: what only the forward agent learns from was never executed.
+    fn is_stale(&self, slot: usize) -> bool {
+        let Some(lifetime) = self.abort_lifetime else { return false };
+        let executed = &self.shares[AgentRole::Reset.index()];
+        let is_abort = executed.continuations[slot] == NO_SHARE;
+        let age = (self.slot(self.pushed) + self.capacity - slot - 1) % self.capacity;
+        is_abort && age as u64 >= lifetime && executed.count > 0
+    }
+
     /// Draws a batch for one agent, uniformly with replacement from what it has a share in, into `buffers`.
     ///
     /// # Panics
@@ -362,7 +381,7 @@ impl Experience {
         assert!(share.count > 0, "there is nothing to learn from");
         for row in 0..buffers.size {
             let mut slot = rng.random_range(0..self.len());
-            while share.continuations[slot] == NO_SHARE {
+            while share.continuations[slot] == NO_SHARE || self.is_stale(slot) {
                 slot = rng.random_range(0..self.len());
             }
             copy(&mut buffers.observations, row, &self.observations, slot, self.observation_len);

@@ -3,6 +3,7 @@
 //! It knows no file, no configuration text and no shared library: plugins can be linked in as Rust types.
 
 pub mod agent;
+pub mod controller;
 pub mod critic;
 pub mod cycle;
 pub mod decision;

@@ -7,4 +7,5 @@ pub mod joint_loop;
 pub mod lanes;
 pub mod loop_state;
 pub mod observer;
+pub mod reliability;
 pub mod run;

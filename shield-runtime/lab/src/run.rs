@@ -1,5 +1,8 @@
 //! A run on disk: its folder, its tables, its summary.
 
+mod accepted_risk;
+mod attempt_log;
+mod attempts;
 mod build;
 mod calibration;
 mod counterfactual;
@@ -14,6 +17,8 @@ mod replay;
 mod summary;
 mod tables;
 
+pub use accepted_risk::AcceptedRisk;
+pub use attempts::{AttemptSummary, RecordedAttempt, last_half, read_attempts, reliability};
 pub use build::{Prepared, prepare};
 pub use calibration::{CalibrationBin, calibration};
 pub use counterfactual::{Counterfactual, counterfactual};

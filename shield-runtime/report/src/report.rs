@@ -1,5 +1,6 @@
 //! What runs came to, for people: records, figures, and one page.
 
+mod attempts;
 mod check;
 mod columns;
 mod course;
@@ -11,6 +12,7 @@ mod places;
 mod record;
 mod statistics;
 
+pub use attempts::{ATTEMPT_COLUMNS, ATTEMPT_NOTE, Diagram, Forecasts, has_attempts};
 pub use columns::{COLUMNS, Cell, Column, forward_share};
 pub use course::{Course, EvaluationCourse};
 pub use draw::{png, svg, titled};

@@ -217,6 +217,17 @@ fn figures_that_no_run_has_are_refused() {
     let mut sent = record.clone();
     sent["variants"][0]["runs"][0]["summary"]["final_return"] = json!(1e308);
     refused(&report_of(folder.path(), &sent, &[]), 2, &["`summary` has the figure 1e308"]);
+    let mut sent = record.clone();
+    sent["variants"][0]["runs"][0]["summary"]["accepted_risk"] = json!(-0.1);
+    refused(&report_of(folder.path(), &sent, &[]), 2, &["`accepted_risk` is Some(-0.1)"]);
+    let bin = |forecasts: u64, came_true: u64, sum: f64| json!({"forecasts": forecasts, "came_true": came_true, "sum": sum});
+    for wrong in [bin(2, 3, 1.0), bin(2, 1, 3.0), bin(2, 1, -1.0), bin(u64::MAX, 0, 0.0)] {
+        let bins = vec![wrong; 10];
+        let reliability = json!({"bins": bins, "squared_error": 0.0});
+        let mut sent = record.clone();
+        sent["variants"][0]["runs"][0]["forecasts"] = json!({"all": reliability, "last_half": reliability});
+        refused(&report_of(folder.path(), &sent, &[]), 2, &["its forecasts have a bin that cannot be"]);
+    }
 }
 
 #[test]

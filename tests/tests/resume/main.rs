@@ -22,7 +22,7 @@ use shield_runtime::{
     plugin::{Registry, SearchPath},
     run::{Identity, Order, RunFolder, Standing, restore},
 };
-use shield_tests::{cart, gridworld, plugins_folder, run_files};
+use shield_tests::{cart, driven_home, gridworld, plugins_folder, run_files};
 use tempfile::TempDir;
 
 fn registry() -> &'static Registry {
@@ -175,6 +175,25 @@ fn a_stopped_run_continues_exactly() {
 }
 
 #[test]
+fn attempts_and_the_risk_are_counted_on_exactly() {
+    let rule = r#"rules: [(plugin: "undo-probability"), "#;
+    let critic = r#"success_critic: Some((plugin: "tabular-success")), warm_up_steps"#;
+    let experiment = grid().replace("rules: [", rule).replace("warm_up_steps", critic);
+    let expected = Run::uninterrupted(&experiment);
+    let summary = String::from_utf8_lossy(&expected["summary.json"]);
+    assert!(
+        summary.contains("\"accepted_risk\":0.05") && !summary.contains("\"brier_score\":null"),
+        "{summary}"
+    );
+    for sabotage in [Sabotage::Stop(777), Sabotage::Crash(1_111)] {
+        let run = Run::new(&experiment, &[]);
+        run.go(sabotage);
+        run.go(Sabotage::None);
+        same(&expected, &run, &format!("{sabotage:?}"));
+    }
+}
+
+#[test]
 fn a_crashed_run_continues_exactly_from_its_last_checkpoint() {
     let expected = Run::uninterrupted(&grid());
     let crash = Sabotage::Crash;
@@ -263,6 +282,19 @@ fn a_task_that_calibrates_itself_continues_exactly() {
     let expected = Run::uninterrupted(&experiment);
     assert!(String::from_utf8_lossy(&expected["learning.csv"]).contains("experience_inside"));
     for sabotage in [Sabotage::Stop(70), Sabotage::Crash(250), Sabotage::Stop(299), Sabotage::Crash(470)] {
+        let run = Run::new(&experiment, &[]);
+        run.go(sabotage);
+        run.go(Sabotage::None);
+        same(&expected, &run, &format!("{sabotage:?}"));
+    }
+}
+
+#[test]
+fn a_reset_policy_and_its_critic_continue_exactly() {
+    let experiment = driven_home(700, "checkpoint: (every: 150),");
+    let expected = Run::uninterrupted(&experiment);
+    assert!(String::from_utf8_lossy(&expected["learning.csv"]).contains("success/success_loss"));
+    for sabotage in [Sabotage::Stop(70), Sabotage::Crash(250), Sabotage::Stop(401), Sabotage::Crash(640)] {
         let run = Run::new(&experiment, &[]);
         run.go(sabotage);
         run.go(Sabotage::None);

@@ -4,6 +4,7 @@ mod drop_in;
 mod experience;
 mod output;
 mod plugin_choice;
+mod reset;
 mod rules;
 mod shield;
 
@@ -21,6 +22,7 @@ pub use drop_in::{DropInConfig, SpaceConfig, SpacesConfig};
 pub use experience::ExperienceConfig;
 pub use output::{CheckpointConfig, EvaluationConfig};
 pub use plugin_choice::{Forward, OnWorkerFailure, PluginChoice, WorkerConfig};
+pub use reset::Reset;
 pub use rules::RuleConfig;
 pub use shield::{ResetAttempts, ShieldConfig, Unlimited, cycle_settings};
 
@@ -41,9 +43,9 @@ pub struct Experiment {
     pub environment: PluginChoice,
     /// The agent or policy that does the task.
     pub forward: Forward,
-    /// The learner that undoes it. Needed by `Shielded` and `ResetOnly`.
+    /// The agent or policy that undoes it. Needed by `Shielded` and `ResetOnly`.
     #[serde(default)]
-    pub reset: Option<PluginChoice>,
+    pub reset: Option<Reset>,
     /// What must not happen.
     #[serde(default)]
     pub shield: ShieldConfig,
@@ -84,7 +86,7 @@ impl Experiment {
             Forward::Learner(choice) => ("forward".into(), Kind::Learner, choice),
             Forward::Policy(choice) => ("forward".into(), Kind::Policy, choice),
         });
-        found.extend(self.reset.iter().map(|choice| ("reset".into(), Kind::Learner, choice)));
+        found.extend(self.reset.iter().map(Reset::plugin));
         found.extend(self.shield.plugins());
         found.extend(self.reset_task.iter().map(|choice| ("reset_task".into(), Kind::ResetTask, choice)));
         found
@@ -116,7 +118,7 @@ impl Experiment {
         let (Forward::Learner(forward) | Forward::Policy(forward)) = &mut self.forward;
         [&mut self.environment, forward]
             .into_iter()
-            .chain(&mut self.reset)
+            .chain(self.reset.iter_mut().map(Reset::choice_mut))
             .chain(self.shield.rules.iter_mut().flat_map(RuleConfig::plugins_mut))
             .chain(&mut self.shield.success_critic)
             .chain(&mut self.reset_task)

@@ -62,7 +62,7 @@ fn the_example_experiment_is_accepted() {
     assert_eq!(names, ["shielded", "status-quo", "q_min-5"]);
     let experiment = &variants[0].experiment;
     assert_eq!((experiment.steps, experiment.seeds.len(), experiment.threads), (1_000_000, 5, 2));
-    assert_eq!(config(experiment.reset.as_ref().unwrap()), "(critics: 20)");
+    assert_eq!(config(experiment.reset.as_ref().unwrap().choice()), "(critics: 20)");
     assert!(experiment.reset_task.is_none() && experiment.variants.is_empty());
     assert_eq!(experiment.evaluation.as_ref().unwrap().every, 10_000);
     assert_eq!(variants[1].experiment.mode, Mode::StatusQuo);
@@ -432,7 +432,7 @@ fn overrides_add_absent_fields() {
     assert_eq!(experiment.shield.warm_up_steps, 7);
     assert_eq!(config(experiment.forward.choice()), "(layers: [1, 3])");
     assert_eq!(config(&experiment.environment), "(at: Some((x: 1)))");
-    assert_eq!(experiment.reset.as_ref().unwrap().plugin, "r");
+    assert_eq!(experiment.reset.as_ref().unwrap().choice().plugin, "r");
     let replaced = only(&small(", evaluation: None"), &["evaluation.every=5"]);
     assert_eq!(replaced.experiment.evaluation.unwrap().every, 5);
 }
@@ -475,7 +475,7 @@ fn a_fault_that_a_plugin_reports_is_located_in_the_users_file() {
     let mut sets = sets(&["reset.config.h=8"]);
     sets.push(Override::new("reset.config.a", "10", "--a 10").unwrap());
     let variant = file(&text).variants(&sets, None).unwrap().remove(0);
-    let config = config(variant.experiment.reset.as_ref().unwrap()).to_owned();
+    let config = config(variant.experiment.reset.as_ref().unwrap().choice()).to_owned();
     let place_of = |needle: &str| {
         let offset = config.find(needle).unwrap();
         let position = position_at(&config, offset);
@@ -528,7 +528,7 @@ fn a_configuration_reaches_a_plugin_in_the_form_that_all_since_1_0_read() {
     let config = r#"(one: Some(low: 1), other: Some((low: 2)), third: Some(3, 4))"#;
     let text = SMALL.replace('@', &format!(", reset: (plugin: \"r\", config: {config})"));
     let variant = only(&file(&text), &["reset.config.one=Some(low: 5)"]);
-    let reset = variant.experiment.reset.as_ref().unwrap();
+    let reset = variant.experiment.reset.as_ref().unwrap().choice();
     let Settings { one, other, third } = ron::from_str(self::config(reset)).unwrap();
     assert_eq!((one.unwrap().low, other.unwrap().low, third), (5.0, 2.0, Some((3, 4))));
     assert!(

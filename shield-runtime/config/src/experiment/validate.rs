@@ -9,6 +9,7 @@ use super::config::{
     PluginChoice, ProjectionConfig, QpConfig, ResetAttempts, RuleConfig, ShieldConfig, SpaceConfig,
     WorkerConfig,
 };
+use shield_host::plugin::Kind;
 
 /// What is wrong, and the path of the value to which it belongs.
 #[derive(Debug, PartialEq, Eq)]
@@ -80,17 +81,13 @@ fn seeds(seeds: &[u64]) -> Checked {
 }
 
 fn plugins(experiment: &Experiment) -> Checked {
-    for (path, _, choice) in experiment.plugins() {
-        let is_policy = path == "forward" && matches!(experiment.forward, Forward::Policy(_));
-        plugin(&path, choice, path == "environment" || is_policy)?;
-    }
-    Ok(())
+    experiment.plugins().into_iter().try_for_each(|(path, kind, choice)| plugin(&path, kind, choice))
 }
 
-fn plugin(path: &str, choice: &PluginChoice, may_be_isolated: bool) -> Checked {
+fn plugin(path: &str, kind: Kind, choice: &PluginChoice) -> Checked {
     ensure(!choice.plugin.is_empty(), format!("{path}.plugin"), "the id of a plugin is empty")?;
     ensure(
-        !choice.isolate || may_be_isolated,
+        !choice.isolate || matches!(kind, Kind::Environment | Kind::Policy),
         format!("{path}.isolate"),
         "only environments and policies can run in a process of their own",
     )?;
@@ -246,9 +243,7 @@ fn experience(settings: &ExperienceConfig) -> Checked {
 
 /// Refuses what cannot stand between somebody's own policy and environment.
 pub(super) fn validate_drop_in(config: &DropInConfig) -> Checked {
-    for (path, _, choice) in config.plugins() {
-        plugin(&path, choice, false)?;
-    }
+    config.plugins().into_iter().try_for_each(|(path, kind, choice)| plugin(&path, kind, choice))?;
     pins(&config.pins)?;
     ensure(config.threads > 0, "threads", "a shield needs at least one thread")?;
     ensure(config.episode_length > 0, "episode_length", "a reset episode needs at least one step")?;

@@ -1,11 +1,12 @@
 //! From a configuration to a shield that can decide.
 
-use shield_api::Spaces;
+use shield_api::{Learner, Spaces};
 
 use super::{Stream, Workshop};
 use crate::experiment::{DropInFile, InputError, SpacesConfig, cycle_settings};
 use shield_core::{
     agent::Agent,
+    controller::Controller,
     cycle::{CycleParts, CycleSettings, ResetCycle},
     drop_in::DropIn,
     experience::AgentRole,
@@ -18,6 +19,28 @@ impl DropInFile {
     /// # Errors
     /// A plugin is missing or broken, refuses its configuration, or does not fit the others; there are no spaces, or two different ones.
     pub fn open(&self, registry: &Registry, spaces: Option<Spaces>) -> Result<DropIn, InputError> {
+        self.assemble(registry, spaces, None)
+    }
+
+    /// As [`open`](Self::open), with a reset agent that the program gives and the file does not name.
+    ///
+    /// # Errors
+    /// As for `open`; the file names a reset agent.
+    pub fn open_with(
+        &self,
+        registry: &Registry,
+        spaces: Option<Spaces>,
+        reset: Controller,
+    ) -> Result<DropIn, InputError> {
+        self.assemble(registry, spaces, Some(reset))
+    }
+
+    fn assemble(
+        &self,
+        registry: &Registry,
+        spaces: Option<Spaces>,
+        given: Option<Controller>,
+    ) -> Result<DropIn, InputError> {
         let Self { config, source } = self;
         let (pins, threads, seed) = (&config.pins, config.threads, config.seed);
         let workshop = Workshop { registry, source, pins, threads, seed };
@@ -26,14 +49,14 @@ impl DropInFile {
             None => None,
             Some(choice) => Some(workshop.reset_task(choice, &workshop.setup(Stream::ResetTask, &spaces))?),
         };
-        let learner = workshop.learner("reset", &config.reset, &workshop.setup(Stream::Reset, &spaces))?;
+        let reset = reset_agent(self, &workshop, &spaces, given)?;
         let learned = &config.experience;
         let success = workshop.success_critic(&config.shield, learned.batch, &spaces)?;
-        let ladder = workshop.ladder(&config.shield, &*learner, success.as_ref(), &spaces, Stream::Rules)?;
-        let members = [0, learner.info().members];
+        let ladder = workshop.ladder(&config.shield, &*reset, success.as_ref(), &spaces, Stream::Rules)?;
+        let members = [0, reset.info().members];
         let memory = workshop.memory(learned, members, success.as_ref(), &spaces)?;
         let sampler = workshop.generator(Stream::ResetBatches);
-        let reset = Agent::new(AgentRole::Reset, learner, learned.batch, &spaces, sampler);
+        let reset = Agent::new(AgentRole::Reset, reset, learned.batch, &spaces, sampler);
         let learns = learned.updates_per_step > 0;
         let parts = CycleParts {
             forward: None,
@@ -52,6 +75,23 @@ impl DropInFile {
         let lengths = [spaces.observation_len(), spaces.action_len()];
         DropIn::new(ResetCycle::new(settings, parts, lengths), task)
             .map_err(|error| workshop.refused("shield", &error))
+    }
+}
+
+fn reset_agent(
+    file: &DropInFile,
+    workshop: &Workshop<'_>,
+    spaces: &Spaces,
+    given: Option<Controller>,
+) -> Result<Box<dyn Learner>, InputError> {
+    let error = |message: &str| Err(file.source.error_at("reset", None, message));
+    match (given, &file.config.reset) {
+        (Some(given), None) => Ok(Box::new(given)),
+        (None, Some(reset)) => workshop.reset_agent(reset, spaces),
+        (Some(_), Some(_)) => error("the program gives the reset agent: leave `reset` out"),
+        (None, None) => error(
+            "nothing undoes: name a reset agent, for example `reset: (plugin: \"ddpg\")` or `reset: Policy(plugin: …)`",
+        ),
     }
 }
 

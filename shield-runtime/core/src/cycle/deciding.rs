@@ -11,12 +11,15 @@ use crate::{
 };
 
 impl ResetCycle {
-    /// Notes the mean of the reset ensemble's values of its greedy action at the start of an attempt.
+    /// Notes the mean of the reset ensemble's values of its greedy action at the start of an attempt. A reset controller has none.
     ///
     /// # Errors
     /// There is no reset agent, or it failed.
     pub fn value_start(&mut self, observation: &[f32]) -> Result<()> {
         let reset = self.parts.reset.as_mut().ok_or_else(no_reset_agent)?;
+        if !reset.learns() {
+            return Ok(());
+        }
         self.values.resize(reset.info().members, 0.0);
         reset.learner().act(observation, ActMode::Greedy, &mut self.action)?;
         reset.learner().q_values(observation, &self.action, &mut self.values)?;

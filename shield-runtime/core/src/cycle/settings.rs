@@ -19,7 +19,7 @@ pub struct CycleSettings {
     pub between_attempts: BetweenAttempts,
     /// An attempt ends as soon as the reset set is reached.
     pub stop_on_reset: bool,
-    /// Whether the reset agent explores.
+    /// Whether the reset agent explores; a reset controller never does.
     pub explores: bool,
     /// The rules judge the reset agent's exploratory actions; a rejected one gives way to its greedy one.
     pub shield_exploration: bool,

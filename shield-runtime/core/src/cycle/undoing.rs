@@ -6,12 +6,13 @@ use shield_api::{ActMode, ObservedAttempt, StepOutcome};
 use super::{CycleParts, Memory, ResetCycle};
 use crate::{
     decision::Cause,
-    events::{EpisodeEnd, EpisodeEvent, Tally},
+    events::{AttemptOutcome, EpisodeEnd, EpisodeEvent, Tally},
     experience::{AgentRole, Attempt},
+    settings::Mode,
 };
 
 /// Aborts with nothing to undo in a row, after which the reset agent takes over all the same: no step is made meanwhile.
-const MOST_IDLE_ABORTS: u32 = 10;
+pub const MOST_IDLE_ABORTS: u32 = 10;
 
 /// What happened since the reset set was last reached.
 #[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
@@ -82,14 +83,20 @@ impl ResetCycle {
     }
 
     /// Notes the outcome of the episode that ends, if it has one: an attempt that was not cut short, or a forward episode in which the
-    /// environment ended, which is an attempt that failed before its first step.
-    pub(super) fn note_outcome(&mut self, tally: &Tally, end: EpisodeEnd, has_reset: bool) {
+    /// environment ended, which is an attempt that failed before its first step. Without a shield, nobody attempts anything then.
+    pub(super) fn note_outcome(
+        &mut self,
+        tally: &Tally,
+        end: EpisodeEnd,
+        has_reset: bool,
+    ) -> Option<AttemptOutcome> {
+        let is_shielded = self.settings.mode == Mode::Shielded;
         let length = match self.turn {
             // What is executed while a hard reset is awaited belongs to no episode.
-            _ if self.hard_reset_due.is_some() => return,
+            _ if self.hard_reset_due.is_some() => return None,
             AgentRole::Reset if !end.is_cut() && end != EpisodeEnd::WorkerLost => tally.length,
-            AgentRole::Forward if end == EpisodeEnd::Terminated => 0,
-            _ => return,
+            AgentRole::Forward if is_shielded && end == EpisodeEnd::Terminated => 0,
+            _ => return None,
         };
         if let Some(Memory { experience, .. }) = &mut self.parts.memory {
             let end_number = experience.next_number();
@@ -107,9 +114,11 @@ impl ResetCycle {
         if has_reset {
             self.begin_to_measure();
         }
+        Some(if has_reset { AttemptOutcome::Succeeded } else { AttemptOutcome::Failed })
     }
 
-    /// At the start of an attempt: what the success critic expects of it. Nothing depends on it but reports.
+    /// At the start of an attempt: what the success critic expects of it. Nothing depends on it but reports, so a critic that fails is
+    /// left to the shield, which asks it for decisions.
     pub(super) fn predict(&mut self, observation: &[f32]) {
         let CycleParts { reset, success, .. } = &mut self.parts;
         let (Some(reset), Some(success), Some(Tally { length: 0, .. })) = (reset, success, &self.episode)
@@ -122,6 +131,6 @@ impl ResetCycle {
             .act(observation, ActMode::Greedy, &mut self.action)
             .and_then(|()| success.critic().probabilities(observation, &self.action, &mut self.values));
         let mean = self.values.iter().sum::<f32>() / self.values.len() as f32;
-        self.since_reset.predicted = expected.is_ok().then_some(mean).filter(|mean| mean.is_finite());
+        self.since_reset.predicted = expected.ok().map(|()| mean).filter(|mean| (0.0..=1.0).contains(mean));
     }
 }

@@ -88,3 +88,36 @@ fn bootstrap_masks_are_drawn_per_member_and_stay_with_their_transition() {
     let ones = first[..members].iter().sum::<f32>();
     assert!((15.0..55.0).contains(&ones), "{ones} of {members} masks are set at probability 0.5");
 }
+
+#[test]
+fn an_abort_teaches_for_its_lifetime() {
+    let mut rng = Pcg64::seed_from_u64(4);
+    let abort = |value: f32| Transition {
+        observation: &[0.0, 0.0],
+        action: &[0.0],
+        next_observation: &[0.0, 0.0],
+        forward: Some(AgentShare { reward: value, continues: false }),
+        reset: None,
+        fate: None,
+    };
+    for (lifetime, expected) in
+        [(None, &[-2.0, -1.0, 1.0, 2.0, 3.0, 4.0][..]), (Some(5), &[-2.0, 1.0, 2.0, 3.0, 4.0])]
+    {
+        let experience = Experience::new(6, &spaces(), [1, 1], 1.0).unwrap();
+        let mut experience = experience.with_abort_lifetime(lifetime);
+        // The ring is full and has begun anew.
+        push(&mut experience, 9.0, &mut rng);
+        experience.push(&abort(-1.0), &mut rng);
+        push(&mut experience, 1.0, &mut rng);
+        push(&mut experience, 2.0, &mut rng);
+        experience.push(&abort(-2.0), &mut rng);
+        push(&mut experience, 3.0, &mut rng);
+        push(&mut experience, 4.0, &mut rng);
+        let mut buffers = BatchBuffers::new(200, &spaces(), 1);
+        let batch = experience.sample(AgentRole::Forward, &mut buffers, &mut rng);
+        let mut drawn = batch.rewards.to_vec();
+        drawn.sort_by(f32::total_cmp);
+        drawn.dedup();
+        assert_eq!(drawn, expected, "{lifetime:?}");
+    }
+}

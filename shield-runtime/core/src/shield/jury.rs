@@ -16,7 +16,10 @@ use super::{
     rows::RowBuffer,
     rules::{RuleTree, Shape},
 };
-use crate::decision::{Abort, Cause};
+use crate::{
+    controller::check_needs,
+    decision::{Abort, Cause},
+};
 
 /// Room for the sentence of one rule.
 const SENTENCE: usize = 256;
@@ -80,7 +83,9 @@ impl Jury {
         let shape = Shape::of(tree, &mut rules)?;
         let mut columns = 0;
         let mut jurors = Vec::with_capacity(rules.len());
-        for (rule, priority) in rules {
+        for (index, (rule, priority)) in rules.into_iter().enumerate() {
+            check_needs(rule.needs(), info)
+                .map_err(|error| Error::invalid_config(format!("rule {index}: {}", error.message())))?;
             let slack = priority.map(|priority| {
                 columns += 1;
                 (columns - 1, priority)
@@ -96,6 +101,7 @@ impl Jury {
             forward_values: Vec::new(),
             probabilities: Vec::new(),
             greedy_probabilities: Vec::new(),
+            start_probabilities: Vec::new(),
             scores: vec![f32::NAN; jurors.len()],
         };
         Ok(Self {
@@ -125,6 +131,7 @@ impl Jury {
         for judgement in [&mut self.present, &mut self.proposed] {
             judgement.probabilities = room(self.needs.probabilities);
             judgement.greedy_probabilities = room(self.needs.greedy_probabilities);
+            judgement.start_probabilities = room(self.needs.greedy_probabilities);
         }
         self.start_probabilities = room(self.needs.greedy_probabilities);
     }
@@ -193,6 +200,9 @@ impl Jury {
     /// Keeps what was said last as said of the proposed action.
     pub fn note_proposed(&mut self) {
         self.proposed.copy_from(&self.present);
+        if self.scope != Scope::Limits && !self.is_at_start {
+            self.proposed.start_probabilities.copy_from_slice(&self.start_probabilities);
+        }
     }
 
     pub fn proposed(&self) -> &Judgement {

@@ -18,7 +18,8 @@ impl Ladder {
     /// A ladder over `rules`, for a reset agent like `reset_agent`: without projection, without deadline.
     ///
     /// # Errors
-    /// The fallback action lies outside the action space; a group of rules is empty, or a priority is none.
+    /// The fallback action lies outside the action space; a group of rules is empty, or a priority is none; a rule needs values that a reset
+    /// controller has not.
     pub fn new(
         rules: impl Into<RuleTree>,
         reset_agent: &dyn Learner,

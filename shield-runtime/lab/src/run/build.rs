@@ -1,9 +1,7 @@
 //! From an experiment to a run that can start: every plugin loaded and configured, before anything is written.
 
-use std::time::Duration;
-
 use rand_pcg::Pcg64;
-use shield_api::{Environment, Host, Learner, Policy, Setup, Spaces};
+use shield_api::{Environment, Host, Learner, Setup, Spaces};
 
 use crate::{
     evaluation::Evaluator,
@@ -12,8 +10,8 @@ use crate::{
 };
 use shield_config::{
     experiment::{
-        EvaluatedAgent, EvaluationConfig, Experiment, Forward, InputError, Mode, OnWorkerFailure,
-        PluginChoice, Variant, WorkerConfig, cycle_settings,
+        EvaluatedAgent, EvaluationConfig, Experiment, Forward, InputError, Mode, PluginChoice, Variant,
+        cycle_settings,
     },
     workshop::{Stream, Workshop},
 };
@@ -25,10 +23,7 @@ use shield_core::{
     shield::Ladder,
     world::{RestartFlag, World},
 };
-use shield_host::plugin::{
-    self, PluginError, Registry,
-    isolated::{Isolation, OnFailure},
-};
+use shield_host::plugin::{self, PluginError, Registry};
 
 /// Instances of the environment that an evaluation has at most. A constant, so that results do not depend on the machine.
 const MOST_LANES: u64 = 4;
@@ -168,23 +163,13 @@ impl<'a> Builder<'a> {
         setup: &Setup,
     ) -> Result<(Box<dyn Environment>, Option<RestartFlag>), PluginError> {
         let (selection, config) = (self.workshop.selection(choice), choice.config.get_ron());
-        Ok(match isolation(choice) {
+        Ok(match choice.isolation() {
             None => (Box::new(self.workshop.registry.environment(&selection, config, setup)?), None),
             Some(isolation) => {
                 let environment =
                     self.workshop.registry.isolated_environment(&selection, config, setup, isolation)?;
                 let restarts = environment.was_restarted();
                 (Box::new(environment), Some(restarts))
-            }
-        })
-    }
-
-    fn policy(&self, choice: &PluginChoice, setup: &Setup) -> Result<Box<dyn Policy>, PluginError> {
-        let (selection, config) = (self.workshop.selection(choice), choice.config.get_ron());
-        Ok(match isolation(choice) {
-            None => Box::new(self.workshop.registry.policy(&selection, config, setup)?),
-            Some(isolation) => {
-                Box::new(self.workshop.registry.isolated_policy(&selection, config, setup, isolation)?)
             }
         })
     }
@@ -200,15 +185,14 @@ impl<'a> Builder<'a> {
                 Ok(ForwardAgent::Learner(Box::new(agent)))
             }
             Forward::Policy(choice) => {
-                let policy = self.policy(choice, &setup);
-                Ok(ForwardAgent::Policy(policy.map_err(|error| self.workshop.input_error("forward", error))?))
+                Ok(ForwardAgent::Policy(self.workshop.policy("forward", choice, &setup)?))
             }
         }
     }
 
     fn reset(&self, spaces: &Spaces) -> Result<Box<dyn Learner>, InputError> {
-        let choice = self.experiment.reset.as_ref().expect("validated: modes with a reset agent name one");
-        self.workshop.learner("reset", choice, &self.workshop.setup(Stream::Reset, spaces))
+        let reset = self.experiment.reset.as_ref().expect("validated: modes with a reset agent name one");
+        self.workshop.reset_agent(reset, spaces)
     }
 
     fn ladder(
@@ -229,7 +213,7 @@ impl<'a> Builder<'a> {
         spaces: &Spaces,
     ) -> Result<Evaluator, InputError> {
         // An isolated environment costs a process each.
-        let is_isolated = isolation(&self.experiment.environment).is_some();
+        let is_isolated = self.experiment.environment.isolate;
         let lanes = if is_isolated { 1 } else { u64::from(config.episodes).clamp(1, MOST_LANES) };
         let streams = [Stream::EvaluationEnvironment, Stream::EvaluationResetTask];
         let host = plugin::host_without_metrics();
@@ -266,19 +250,6 @@ impl<'a> Builder<'a> {
         let message = format!("the environment has no start named {start:?}; {known}");
         Err(self.variant.error_at(path, None, message))
     }
-}
-
-/// How the plugin is isolated, if it is. The time limits were checked with the experiment.
-fn isolation(choice: &PluginChoice) -> Option<Isolation> {
-    let WorkerConfig { on_failure, start_timeout_s, step_timeout_s } = choice.worker;
-    choice.isolate.then(|| Isolation {
-        on_failure: match on_failure {
-            OnWorkerFailure::Error => OnFailure::Error,
-            OnWorkerFailure::Restart => OnFailure::Restart,
-        },
-        start_timeout: Duration::from_secs_f64(start_timeout_s),
-        step_timeout: Duration::from_secs_f64(step_timeout_s),
-    })
 }
 
 fn loop_settings(experiment: &Experiment) -> LoopSettings {

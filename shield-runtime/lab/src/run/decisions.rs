@@ -1,7 +1,9 @@
 //! `decisions/part-NNNNNN.parquet`: every decision with every member's value, in columns.
 
+mod columns;
 mod read;
 
+use columns::{Numbers, TEXTS, Widths, of_event, of_row, properties, schema};
 use read::read_part;
 pub use read::{DecisionRow, read_decisions};
 
@@ -14,13 +16,8 @@ use std::{
 
 use anyhow::{Context, Result, ensure};
 use parquet::{
-    basic::{Compression, ConvertedType, Repetition, Type as PhysicalType},
     data_type::{ByteArray, ByteArrayType, FloatType, Int64Type},
-    file::{
-        properties::{EnabledStatistics, WriterProperties, WriterPropertiesBuilder, WriterPropertiesPtr},
-        writer::SerializedFileWriter,
-    },
-    schema::types::{ColumnPath, Type, TypePtr},
+    file::{properties::WriterPropertiesPtr, writer::SerializedFileWriter},
 };
 
 use serde::{Deserialize, Serialize};
@@ -31,80 +28,6 @@ use shield_core::events::DecisionEvent;
 
 /// Rows that wait in memory until they are written together.
 const ROWS: usize = 8_192;
-
-/// How many figures of each kind a decision has.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-struct Widths {
-    observation: usize,
-    action: usize,
-    values: usize,
-    greedy_values: usize,
-    forward_values: usize,
-    scores: usize,
-}
-
-impl Widths {
-    fn of(numbers: [&[f32]; 8]) -> Self {
-        let [observation, action, _, _, values, greedy_values, forward_values, scores] =
-            numbers.map(<[f32]>::len);
-        Self { observation, action, values, greedy_values, forward_values, scores }
-    }
-
-    /// The columns of numbers in their order: a name, and how many there are of it.
-    fn columns(self) -> [(&'static str, usize); 8] {
-        [
-            ("observation", self.observation),
-            ("proposed", self.action),
-            ("previous", self.action),
-            ("executed", self.action),
-            ("value", self.values),
-            ("greedy_value", self.greedy_values),
-            ("forward_value", self.forward_values),
-            ("score", self.scores),
-        ]
-    }
-
-    fn total(self) -> usize {
-        self.columns().iter().map(|(_, count)| count).sum()
-    }
-}
-
-/// Columns of texts, in their order before the numbers.
-const TEXTS: [&str; 3] = ["phase", "verdict", "cause"];
-
-fn schema(widths: Widths) -> Result<TypePtr> {
-    let column = |name: &str, physical, converted| {
-        Type::primitive_type_builder(name, physical)
-            .with_repetition(Repetition::REQUIRED)
-            .with_converted_type(converted)
-            .build()
-            .map(Arc::new)
-    };
-    let mut fields = vec![column("step", PhysicalType::INT64, ConvertedType::NONE)?];
-    for name in TEXTS {
-        fields.push(column(name, PhysicalType::BYTE_ARRAY, ConvertedType::UTF8)?);
-    }
-    fields.push(column("state", PhysicalType::BYTE_ARRAY, ConvertedType::NONE)?);
-    for (name, count) in widths.columns() {
-        for index in 0..count {
-            fields.push(column(&format!("{name}_{index}"), PhysicalType::FLOAT, ConvertedType::NONE)?);
-        }
-    }
-    Ok(Arc::new(Type::group_type_builder("decisions").with_fields(fields).build()?))
-}
-
-/// Numbers seldom repeat: a dictionary of them, and their extremes, would take most of the time and be of no use.
-fn properties() -> WriterProperties {
-    let plain = WriterProperties::builder()
-        .set_compression(Compression::SNAPPY)
-        .set_max_row_group_row_count(Some(ROWS))
-        .set_statistics_enabled(EnabledStatistics::None)
-        .set_dictionary_enabled(false);
-    let with_texts = |properties, name| {
-        WriterPropertiesBuilder::set_column_dictionary_enabled(properties, ColumnPath::from(name), true)
-    };
-    TEXTS.into_iter().fold(plain, with_texts).build()
-}
 
 /// Texts of which there are few, each kept once.
 #[derive(Default)]
@@ -200,31 +123,16 @@ impl DecisionLog {
     /// A file cannot be written.
     pub fn push(&mut self, record: &DecisionEvent<'_>) -> Result<()> {
         let cause = record.rejection.map_or(String::new(), |rejection| rejection.cause.to_string());
-        let judgement = record.judgement;
-        let numbers: [&[f32]; 8] = [
-            record.observation,
-            record.proposed,
-            record.previous.unwrap_or_default(),
-            record.executed.unwrap_or_default(),
-            &judgement.values,
-            &judgement.greedy_values,
-            &judgement.forward_values,
-            &judgement.scores,
-        ];
         let texts = [record.role.name(), record.verdict(), &cause];
-        self.add(record.step, texts, record.state.unwrap_or_default(), numbers)
+        self.add(record.step, texts, record.state.unwrap_or_default(), of_event(record))
     }
 
     /// Keeps a decision that was written before.
     fn push_row(&mut self, row: &DecisionRow) -> Result<()> {
-        let DecisionRow { observation, proposed, previous, executed, .. } = row;
-        let DecisionRow { values, greedy_values, forward_values, scores, .. } = row;
-        let numbers: [&[f32]; 8] =
-            [observation, proposed, previous, executed, values, greedy_values, forward_values, scores];
-        self.add(row.step, [&row.phase, &row.verdict, &row.cause], &row.state, numbers)
+        self.add(row.step, [&row.phase, &row.verdict, &row.cause], &row.state, of_row(row))
     }
 
-    fn add(&mut self, step: u64, texts: [&str; 3], state: &[u8], numbers: [&[f32]; 8]) -> Result<()> {
+    fn add(&mut self, step: u64, texts: [&str; 3], state: &[u8], numbers: Numbers<'_>) -> Result<()> {
         let widths = *self.widths.get_or_insert_with(|| Widths::of(numbers));
         self.steps.push(i64::try_from(step)?);
         let repeated = &mut self.repeated;

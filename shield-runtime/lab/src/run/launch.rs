@@ -7,6 +7,7 @@ use indexmap::IndexMap;
 use shield_api::manifest::Manifest;
 
 use super::{
+    accepted_risk::AcceptedRisk,
     build::{Prepared, prepare},
     folder::RunFolder,
     new_folder::NewFolder,
@@ -144,7 +145,8 @@ impl Order<'_> {
             Some(state) => Recorder::reopen(folder, identity, rules, solved_at, state)?,
         };
         let kinds = prepared.participants.world.reset_kinds();
-        Ok(recorder.reset_kinds(kinds).deterministic(is_deterministic))
+        let accepted = AcceptedRisk::of(experiment);
+        Ok(recorder.reset_kinds(kinds).accepted_risk(accepted).deterministic(is_deterministic))
     }
 
     /// Which plugin each field of the experiment is, with version and hash.

@@ -12,6 +12,8 @@ use serde::{Deserialize, Serialize};
 use shield_api::ResetKind;
 
 use super::{
+    accepted_risk::AcceptedRisk,
+    attempt_log::AttemptLog,
     decisions::{self, DecisionLog, DecisionState},
     files::{self, Files, Lengths},
     folder::{RunFolder, write_whole},
@@ -69,6 +71,7 @@ pub struct Recorder {
     deterministic: bool,
     decisions: DecisionLog,
     causes: BTreeMap<String, u64>,
+    attempts: AttemptLog,
     /// How many of each of the environment's kinds of hard resets.
     hard_resets: Vec<(String, u64)>,
     decision_ns: Histogram<u32>,
@@ -130,6 +133,7 @@ impl Recorder {
             solved_at,
             deterministic: true,
             causes: state.causes,
+            attempts: AttemptLog::default(),
             hard_resets: state.hard_resets,
             decision_ns,
             seconds_before: state.seconds,
@@ -147,13 +151,21 @@ impl Recorder {
     pub fn cut_back(&mut self, state: &RecorderState) -> Result<()> {
         // First what reads and may fail: then the tables are as they were.
         self.decisions.cut_back(state.decisions)?;
-        self.files.cut_back(&state.lengths)
+        self.files.cut_back(&state.lengths)?;
+        self.attempts.read_back(self.folder.path())
     }
 
     /// What the summary says of a repetition: whether it would give the same.
     #[must_use]
     pub fn deterministic(mut self, is_deterministic: bool) -> Self {
         self.deterministic = is_deterministic;
+        self
+    }
+
+    /// Compares the share of failed attempts with this one.
+    #[must_use]
+    pub fn accepted_risk(mut self, accepted: Option<AcceptedRisk>) -> Self {
+        self.attempts = AttemptLog::new(accepted);
         self
     }
 
@@ -230,6 +242,7 @@ impl Recorder {
             exact_resume: self.is_saved_exactly && self.deterministic,
             rejected_by_cause: self.causes,
             hard_resets_by_kind: self.hard_resets.into_iter().collect(),
+            attempts: self.attempts.summary(counters.steps),
             final_return: last.map(|last| last.mean_return),
             final_return_without_shield: bare.map(|bare| bare.mean_return),
             best_return: self.results.best_return,
@@ -316,18 +329,20 @@ impl Observer for Recorder {
             hard_reset_cost: counters.hard_reset_cost,
             reset_value: episode.reset_value,
             lifetime_return: counters.lifetime_return,
+            undo_probability: episode.undo_probability,
+            attempt: episode.attempt,
         })?;
-        self.files.events.scalars(
-            counters.steps,
-            &[
-                (if episode.role == AgentRole::Forward { "forward/return" } else { "reset/return" }, gain),
-                ("counts/early_aborts", counters.early_aborts as f64),
-                ("counts/hard_resets", counters.hard_resets as f64),
-                ("counts/irreversible_entries", counters.irreversible_entries as f64),
-                ("counts/forward_steps", counters.forward_steps as f64),
-                ("lifetime/return", counters.lifetime_return),
-            ],
-        )?;
+        let of_role = if episode.role == AgentRole::Forward { "forward/return" } else { "reset/return" };
+        let mut figures = vec![
+            (of_role, gain),
+            ("counts/early_aborts", counters.early_aborts as f64),
+            ("counts/hard_resets", counters.hard_resets as f64),
+            ("counts/irreversible_entries", counters.irreversible_entries as f64),
+            ("counts/forward_steps", counters.forward_steps as f64),
+            ("lifetime/return", counters.lifetime_return),
+        ];
+        figures.extend(self.attempts.note(counters.steps, episode));
+        self.files.events.scalars(counters.steps, &figures)?;
         self.episodes += 1;
         if self.last_flush.elapsed() >= FLUSH_EVERY {
             self.files.timings.write(&TimingRow { step: counters.steps, wall_seconds: self.seconds() })?;

@@ -1,9 +1,13 @@
 //! What other rules would have said of the decisions of a run.
 
+mod history;
+
 use std::path::Path;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
+use shield_api::{Needs, metrics::Metrics};
 
+use self::history::History;
 use super::{
     build::replay_ladder,
     decisions::{DecisionRow, read_decisions},
@@ -15,8 +19,11 @@ use shield_core::{
 };
 use shield_host::plugin::Registry;
 
+/// Under this name the rule `undo-probability` reports its threshold.
+const THRESHOLD: &str = "threshold";
+
 /// What came of a replay.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Replay {
     /// Decisions on forward actions that were judged, those of the warm-up not among them.
     pub decisions: u64,
@@ -28,34 +35,69 @@ pub struct Replay {
     pub newly_allowed: u64,
     /// Actions that the run allowed, and these rules reject.
     pub newly_rejected: u64,
+    /// The mean of the threshold over these decisions, of a rule that moves it.
+    pub mean_threshold: Option<f64>,
 }
 
 /// Lets the rules of `variant` judge every forward decision that the run at `run` recorded, through the plugins themselves. Nothing is
-/// projected: what is counted is what the rules reject. Rules that hold a state hear of their own decisions.
+/// projected: what is counted is what the rules reject. Rules that hold a state hear of their own decisions. Rules that need undo
+/// probabilities also hear how the attempts of the run ended: of attempts that were not made, nobody knows the end.
 ///
 /// # Errors
 /// Nothing was recorded; a plugin is missing; the rules need values that the run did not compute.
 pub fn replay(registry: &Registry, variant: &Variant, run: &Path) -> Result<Replay> {
     let mut ladder = replay_ladder(registry, variant)?;
     let needs = ladder.needs();
-    let mut replay = Replay::default();
+    let mut history = if needs.undo_probabilities() { History::read(run)? } else { History::default() };
+    let metrics = Metrics::default();
+    let (mut replay, mut thresholds) = (Replay::default(), Vec::new());
     read_decisions(run, |row| {
-        if !row.is_judged_forward() {
+        if row.phase != "forward" {
             return Ok(true);
         }
-        let lacks = |is_needed: bool, values: &[f32]| is_needed && values.is_empty();
-        ensure!(
-            !lacks(needs.values, &row.values) && !lacks(needs.greedy_values, &row.greedy_values),
-            "the rules need reset values that no rule of the run needed, so that they were not computed"
-        );
-        judge(&mut ladder, &row, &mut replay);
+        history.tell_until(row.step, &mut ladder);
+        // In the warm-up nothing is counted, but rules with a state hear of it.
+        let is_counted = row.is_judged_forward();
+        if is_counted {
+            ensure_computed(needs, &row)?;
+        }
+        let decision = metrics.collect(|| judge(&mut ladder, &row));
+        history.note(&row, decision, &mut ladder);
+        if ladder.is_broken() {
+            bail!("a rule fails: {}", ladder.reason());
+        }
+        if is_counted {
+            replay.count(&row, decision);
+        }
+        metrics.drain(&mut |name, figure| {
+            if is_counted && name == THRESHOLD {
+                thresholds.push(figure);
+            }
+        });
         Ok(true)
     })
     .with_context(|| format!("{} cannot be replayed", run.display()))?;
+    let sum: f64 = thresholds.iter().sum();
+    replay.mean_threshold = (!thresholds.is_empty()).then(|| sum / thresholds.len() as f64);
     Ok(replay)
 }
 
-fn judge(ladder: &mut Ladder, row: &DecisionRow, replay: &mut Replay) {
+/// Refuses a decision of which nobody computed what the rules need.
+fn ensure_computed(needs: Needs, row: &DecisionRow) -> Result<()> {
+    let lacks = |is_needed: bool, figures: &[f32]| is_needed && figures.is_empty();
+    ensure!(
+        !lacks(needs.values, &row.values) && !lacks(needs.greedy_values, &row.greedy_values),
+        "the rules need reset values that no rule of the run needed, so that they were not computed"
+    );
+    ensure!(
+        !lacks(needs.probabilities, &row.probabilities)
+            && !lacks(needs.greedy_probabilities, &row.greedy_probabilities),
+        "the rules need undo probabilities that no rule of the run needed, so that they were not computed"
+    );
+    Ok(())
+}
+
+fn judge(ladder: &mut Ladder, row: &DecisionRow) -> Decision {
     let has_previous = row.previous.iter().all(|value| value.is_finite());
     let moment = Moment {
         step: row.step,
@@ -66,15 +108,22 @@ fn judge(ladder: &mut Ladder, row: &DecisionRow, replay: &mut Replay) {
         values: &row.values,
         greedy_values: &row.greedy_values,
         forward_values: &row.forward_values,
-        ..GivenValues::default()
+        probabilities: &row.probabilities,
+        greedy_probabilities: &row.greedy_probabilities,
+        start_probabilities: &row.start_probabilities,
     };
-    let decision = ladder.judge_given(&given, &moment, &row.proposed);
-    replay.decisions += 1;
-    let Decision::Abort(abort) = decision else {
-        replay.newly_allowed += u64::from(row.was_rejected());
-        return;
-    };
-    replay.rejected += 1;
-    replay.failed += u64::from(abort.cause.is_failure());
-    replay.newly_rejected += u64::from(!row.was_rejected());
+    ladder.judge_given(&given, &moment, &row.proposed)
+}
+
+impl Replay {
+    fn count(&mut self, row: &DecisionRow, decision: Decision) {
+        self.decisions += 1;
+        let Decision::Abort(abort) = decision else {
+            self.newly_allowed += u64::from(row.was_rejected());
+            return;
+        };
+        self.rejected += 1;
+        self.failed += u64::from(abort.cause.is_failure());
+        self.newly_rejected += u64::from(!row.was_rejected());
+    }
 }

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use super::attempts::AttemptSummary;
 use shield_core::events::{Counters, EvaluationEvent};
 
 /// Which run it is.
@@ -60,6 +61,9 @@ pub struct Summary {
     /// Hard resets by the environment's kinds of them; empty where all are alike.
     #[serde(default)]
     pub hard_resets_by_kind: BTreeMap<String, u64>,
+    /// Attempts to get back to the start, and the risk.
+    #[serde(flatten)]
+    pub attempts: AttemptSummary,
     /// Entries into irreversible states.
     pub irreversible_entries: u64,
     /// Times that another process took the place of an isolated environment's; a hard reset follows each.
@@ -173,6 +177,7 @@ impl Summary {
             hard_resets: counters.hard_resets,
             hard_reset_cost: counters.hard_reset_cost,
             hard_resets_by_kind: BTreeMap::new(),
+            attempts: AttemptSummary::default(),
             irreversible_entries: counters.irreversible_entries,
             worker_restarts: counters.worker_restarts,
             final_return: None,

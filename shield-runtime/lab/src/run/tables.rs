@@ -11,7 +11,7 @@ use csv::Writer;
 use serde::Serialize;
 
 use shield_config::growing_file;
-use shield_core::events::EpisodeEnd;
+use shield_core::events::{AttemptOutcome, EpisodeEnd};
 
 /// A row of one of the files; the fields are the columns.
 pub(super) trait Row: Serialize + Default {
@@ -38,6 +38,8 @@ pub(super) struct MetricsRow {
     pub hard_reset_cost: f64,
     pub reset_value: Option<f32>,
     pub lifetime_return: f64,
+    pub undo_probability: Option<f32>,
+    pub attempt: Option<AttemptOutcome>,
 }
 
 /// `interventions.csv`: a rejected action.

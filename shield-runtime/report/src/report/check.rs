@@ -1,16 +1,20 @@
 //! What must hold of a record before anything is made of it: others may have written it.
 
 use super::{
+    attempts::Forecasts,
     course::{Course, EvaluationCourse},
     places::Places,
     record::{Record, RunRecord},
 };
 use shield_config::experiment::check_folder_name;
+use shield_lab::{reliability::Reliability, run::AttemptSummary};
 
 /// No figure of a run is larger: that many rewards do not fit into a life.
 const LARGEST: f64 = 1e60;
 /// Most variants of an experiment.
 const MOST_VARIANTS: usize = 1_000;
+/// Most attempts of a run in one bin.
+const MOST_FORECASTS: u64 = 1_000_000_000_000;
 
 /// Says what is wrong with a record, if something is. Names become parts of paths, and figures places in a picture.
 pub(super) fn record(record: &Record) -> Result<(), String> {
@@ -45,10 +49,45 @@ pub(super) fn run(run: &RunRecord) -> Result<(), String> {
         summary.lifetime_return,
     ];
     finite("summary", figures.into_iter().flatten())?;
+    attempts(&summary.attempts)?;
+    if let Some(Forecasts { all, last_half }) = &run.forecasts {
+        forecasts(all)?;
+        forecasts(last_half)?;
+    }
     match &run.aborts {
         Some(Places::Points { points, .. }) => finite("aborts", points.iter().flatten().copied()),
         Some(Places::Cells(_)) | None => Ok(()),
     }
+}
+
+/// Shares and scores lie between 0 and 1.
+fn attempts(attempts: &AttemptSummary) -> Result<(), String> {
+    let shares = [
+        ("realised_risk", attempts.realised_risk),
+        ("realised_risk_last_half", attempts.realised_risk_last_half),
+        ("accepted_risk", attempts.accepted_risk),
+        ("brier_score", attempts.brier_score),
+        ("calibration_error", attempts.calibration_error),
+        ("calibration_error_last_half", attempts.calibration_error_last_half),
+    ];
+    for (name, share) in shares {
+        let is_share = share.is_none_or(|share| (0.0..=1.0).contains(&share));
+        ensure(is_share, || format!("`{name}` is {share:?}, which is no share"))?;
+    }
+    Ok(())
+}
+
+/// Sums are rounded to a thousandth.
+fn forecasts(reliability: &Reliability) -> Result<(), String> {
+    for bin in &reliability.bins {
+        let is_possible = bin.forecasts <= MOST_FORECASTS
+            && bin.came_true <= bin.forecasts
+            && (0.0..=bin.forecasts as f64 + 0.001).contains(&bin.sum);
+        ensure(is_possible, || format!("its forecasts have a bin that cannot be: {bin:?}"))?;
+    }
+    let error = reliability.squared_error;
+    let is_possible = (0.0..=reliability.forecasts() as f64 + 0.001).contains(&error);
+    ensure(is_possible, || format!("its forecasts have a squared error of {error}"))
 }
 
 fn course(course: &Course) -> Result<(), String> {

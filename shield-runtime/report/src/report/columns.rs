@@ -10,8 +10,8 @@ use super::statistics::{Range, show};
 pub struct Column {
     /// In one line or two.
     pub heading: &'static str,
-    figure: fn(&Summary) -> Option<f64>,
-    decimals: usize,
+    pub(super) figure: fn(&Summary) -> Option<f64>,
+    pub(super) decimals: usize,
 }
 
 /// In their order. One in which no run has a figure can be left out.

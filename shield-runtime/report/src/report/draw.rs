@@ -2,6 +2,7 @@
 
 mod heat;
 mod lines;
+mod reliability;
 mod rows;
 
 use std::sync::OnceLock;
@@ -135,6 +136,7 @@ fn size(figure: &Figure) -> [u32; 2] {
         Figure::Lines(_) => SIZE,
         Figure::Dots(dots) => [SIZE[0], 110 + 26 * dots.rows.len() as u32],
         Figure::HeatMap(_) => [560, 440],
+        Figure::Reliability(_) => [560, 560],
     }
 }
 
@@ -146,6 +148,7 @@ fn draw<B: DrawingBackend>(canvas: &Canvas<'_, B>) -> Result<()> {
         Figure::Lines(figure) => lines::draw(canvas, figure),
         Figure::Dots(figure) => rows::draw(canvas, figure),
         Figure::HeatMap(figure) => heat::draw(canvas, figure),
+        Figure::Reliability(figure) => reliability::draw(canvas, figure),
     };
     drawn.and_then(|()| canvas.area.present()).map_err(|error| failed(&error))
 }

@@ -1,6 +1,7 @@
 //! What is drawn of a record: the figures' data, without a pixel.
 
 use super::{
+    attempts::Diagram,
     course::Course,
     places::Places,
     record::{Record, RunRecord, VariantRecord},
@@ -17,6 +18,8 @@ pub enum Figure {
     Dots(Dots),
     /// How often something happened, over a plane.
     HeatMap(HeatMap),
+    /// Predicted against realised success of attempts.
+    Reliability(Box<Diagram>),
 }
 
 /// Lines with the middle half of the seeds around each.
@@ -88,6 +91,7 @@ impl Figure {
         match self {
             Self::Lines(Lines { name, .. }) | Self::Dots(Dots { name, .. }) => name,
             Self::HeatMap(HeatMap { name, .. }) => name,
+            Self::Reliability(diagram) => &diagram.name,
         }
     }
 
@@ -96,11 +100,12 @@ impl Figure {
         match self {
             Self::Lines(Lines { title, .. }) | Self::Dots(Dots { title, .. }) => title,
             Self::HeatMap(HeatMap { title, .. }) => title,
+            Self::Reliability(diagram) => &diagram.title,
         }
     }
 }
 
-/// Every name that a figure can have, besides `where-` and a variant. A figure with nothing to show is left out.
+/// Every name that a figure can have, besides `where-` or `reliability-` and a variant. A figure with nothing to show is left out.
 pub const FIGURE_NAMES: [&str; 14] = [
     "return",
     "return-without-shield",
@@ -195,6 +200,9 @@ pub fn figures(record: &Record) -> Vec<Figure> {
     );
     lines("aborts", "Early aborts", "early aborts of 1,000 steps", counted(abort_rate));
     figures.extend(final_figures(variants));
+    figures.extend(
+        variants.iter().filter_map(Diagram::of).map(|diagram| Figure::Reliability(Box::new(diagram))),
+    );
     figures.extend(variants.iter().filter_map(heat_map));
     figures
 }

@@ -6,6 +6,7 @@ use serde::Serialize;
 use shield_lab::run::Summary;
 
 use super::{
+    attempts::{ATTEMPT_COLUMNS, ATTEMPT_NOTE, has_attempts},
     columns::{COLUMNS, Cell, Column, forward_share},
     draw,
     figures::Figure,
@@ -71,6 +72,9 @@ pub fn page(record: &Record, figures: &[Figure], pictures: &[(String, String, St
         headings,
         rows => record.variants.iter().map(|variant| row(variant, &columns)).collect::<Vec<_>>(),
         notes => notes(&record.variants),
+        attempt_columns => ATTEMPT_COLUMNS.map(|column| column.heading),
+        attempts => record.variants.iter().filter_map(attempts).collect::<Vec<_>>(),
+        attempt_note => ATTEMPT_NOTE,
         drawings,
         names,
         differences => configurations(&record.variants),
@@ -87,6 +91,14 @@ fn row(variant: &VariantRecord, columns: &[&Column]) -> TableRow {
     let lifetime = Cell::of(variant.runs.iter().filter_map(lifetime), 3);
     let cells = columns.iter().map(|column| column.cell(summaries(variant))).chain([lifetime]);
     TableRow { name: variant.name.clone(), seeds: variant.runs.len(), cells: cells.collect() }
+}
+
+/// The row of a variant in the table of attempts, if it made any.
+fn attempts(variant: &VariantRecord) -> Option<TableRow> {
+    let some = || summaries(variant).filter(|run| has_attempts(run));
+    let cells = ATTEMPT_COLUMNS.iter().map(|column| column.cell(some()));
+    let seeds = some().count();
+    (seeds > 0).then(|| TableRow { name: variant.name.clone(), seeds, cells: cells.collect() })
 }
 
 /// What must be known before figures are compared.

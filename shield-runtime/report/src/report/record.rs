@@ -7,6 +7,7 @@ use serde::{Deserialize, Serialize};
 use shield_api::regular_file;
 
 use super::{
+    attempts::Forecasts,
     check,
     course::{Course, EvaluationCourse},
     places::Places,
@@ -68,6 +69,9 @@ pub struct RunRecord {
     pub course: Course,
     /// Where forward episodes were aborted, if that is known.
     pub aborts: Option<Places>,
+    /// How well the success of attempts was foretold, if there was a success critic.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub forecasts: Option<Forecasts>,
 }
 
 impl VariantRecord {
@@ -118,6 +122,7 @@ impl Record {
             evaluations: EvaluationCourse::read(path)?,
             course: Course::read(path, summary.steps)?,
             aborts: Places::read(path, dimensions)?,
+            forecasts: Forecasts::read(path)?,
             summary,
         };
         check::run(&run).map_err(|reason| anyhow!("{} is damaged: {reason}", path.display()))?;

@@ -4,7 +4,7 @@ use indexmap::IndexMap;
 use serde::Deserialize;
 use shield_api::{Space, Spaces};
 
-use super::{ExperienceConfig, PluginChoice, RuleConfig, ShieldConfig, one, one_thread};
+use super::{ExperienceConfig, PluginChoice, Reset, RuleConfig, ShieldConfig, one, one_thread};
 use shield_host::plugin::Kind;
 
 /// A shield with its reset agent; who acts and in what world is the caller's affair. The fields are those of an
@@ -12,8 +12,9 @@ use shield_host::plugin::Kind;
 #[derive(Debug, Clone, Deserialize)]
 #[serde(rename = "DropIn", deny_unknown_fields)]
 pub struct DropInConfig {
-    /// The learner that undoes what was done.
-    pub reset: PluginChoice,
+    /// The agent or policy that undoes what was done. `None`: the program around the shield gives it.
+    #[serde(default)]
+    pub reset: Option<Reset>,
     /// What must not happen.
     pub shield: ShieldConfig,
     /// What "undone" means. `None`: the caller says so at every step.
@@ -56,7 +57,7 @@ impl DropInConfig {
 
     /// Every plugin that is named: the path of its field, its kind, and the choice.
     pub fn plugins(&self) -> Vec<(String, Kind, &PluginChoice)> {
-        let mut found = vec![("reset".to_owned(), Kind::Learner, &self.reset)];
+        let mut found: Vec<_> = self.reset.iter().map(Reset::plugin).collect();
         found.extend(self.shield.plugins());
         found.extend(self.reset_task.iter().map(|choice| ("reset_task".into(), Kind::ResetTask, choice)));
         found

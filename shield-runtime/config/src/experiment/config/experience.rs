@@ -23,6 +23,9 @@ pub struct ExperienceConfig {
     pub on_reset_success: OnResetSuccess,
     /// Whether a failed reset episode ends it.
     pub on_reset_failure: OnResetFailure,
+    /// Transitions after which the forward agent learns no more from an abort, of which the shield may think otherwise by then. `None`: it
+    /// learns from aborts as long as they are kept.
+    pub abort_lifetime: Option<u64>,
     /// The share of a success critic's batch that is drawn around the starts of failed attempts, so that rare failures are not diluted.
     pub failure_share: f64,
     /// The share that is drawn from the last steps of successful attempts.
@@ -43,6 +46,7 @@ impl Default for ExperienceConfig {
             bootstrap_probability: 1.0,
             on_reset_success: OnResetSuccess::default(),
             on_reset_failure: OnResetFailure::default(),
+            abort_lifetime: None,
             failure_share: 0.25,
             success_share: 0.125,
             outcome_half_life: 15.0,

@@ -1,9 +1,14 @@
 //! Which plugins, and how they are run.
 
+use std::time::Duration;
+
 use serde::{Deserialize, Serialize};
 
 use crate::experiment::ron_text::RonText;
-use shield_host::plugin::Selection;
+use shield_host::plugin::{
+    Selection,
+    isolated::{Isolation, OnFailure},
+};
 
 /// A plugin and its configuration.
 #[derive(Debug, Clone, Deserialize, Serialize)]
@@ -35,6 +40,19 @@ impl PluginChoice {
     /// What it names, whatever the experiment pins.
     pub fn selection(&self) -> Selection {
         Selection { path: self.path.clone(), ..Selection::new(&self.plugin) }
+    }
+
+    /// How the plugin is isolated, if it is. The time limits were checked with the file.
+    pub fn isolation(&self) -> Option<Isolation> {
+        let WorkerConfig { on_failure, start_timeout_s, step_timeout_s } = self.worker;
+        self.isolate.then(|| Isolation {
+            on_failure: match on_failure {
+                OnWorkerFailure::Error => OnFailure::Error,
+                OnWorkerFailure::Restart => OnFailure::Restart,
+            },
+            start_timeout: Duration::from_secs_f64(start_timeout_s),
+            step_timeout: Duration::from_secs_f64(step_timeout_s),
+        })
     }
 }
 

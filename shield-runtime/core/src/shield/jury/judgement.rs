@@ -13,6 +13,8 @@ pub struct Judgement {
     pub probabilities: Vec<f32>,
     /// The same for the reset agent's own action; empty if no rule needs them.
     pub greedy_probabilities: Vec<f32>,
+    /// The same where the last reset ended, for the reset agent's action there; empty if no rule needs them.
+    pub start_probabilities: Vec<f32>,
     /// What each rule compared, in the order of the experiment; NaN where it was not asked.
     pub scores: Vec<f32>,
 }
@@ -25,6 +27,7 @@ impl Judgement {
             &mut self.forward_values,
             &mut self.probabilities,
             &mut self.greedy_probabilities,
+            &mut self.start_probabilities,
             &mut self.scores,
         ] {
             numbers.fill(f32::NAN);
@@ -37,6 +40,7 @@ impl Judgement {
         self.forward_values.clone_from(&other.forward_values);
         self.probabilities.clone_from(&other.probabilities);
         self.greedy_probabilities.clone_from(&other.greedy_probabilities);
+        self.start_probabilities.clone_from(&other.start_probabilities);
         self.scores.clone_from(&other.scores);
     }
 }

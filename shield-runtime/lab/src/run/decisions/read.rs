@@ -38,6 +38,12 @@ pub struct DecisionRow {
     pub greedy_values: Vec<f32>,
     /// Each member's forward value of the proposed action.
     pub forward_values: Vec<f32>,
+    /// The success critic's estimates for the proposed action, a figure per member.
+    pub probabilities: Vec<f32>,
+    /// The same for the reset agent's own action.
+    pub greedy_probabilities: Vec<f32>,
+    /// The same where the last reset ended, for the reset agent's action there.
+    pub start_probabilities: Vec<f32>,
     /// What each rule compared.
     pub scores: Vec<f32>,
 }
@@ -51,20 +57,6 @@ impl DecisionRow {
     /// Whether the proposed action was not executed as it was proposed.
     pub fn was_rejected(&self) -> bool {
         matches!(self.verdict.as_str(), "project" | "replace" | "abort")
-    }
-
-    fn numbers(&mut self, name: &str) -> Option<&mut Vec<f32>> {
-        Some(match name {
-            "observation" => &mut self.observation,
-            "proposed" => &mut self.proposed,
-            "previous" => &mut self.previous,
-            "executed" => &mut self.executed,
-            "value" => &mut self.values,
-            "greedy_value" => &mut self.greedy_values,
-            "forward_value" => &mut self.forward_values,
-            "score" => &mut self.scores,
-            _ => return None,
-        })
     }
 }
 

@@ -1,75 +1,53 @@
-//! Observations and actions as the networks see them.
+//! Actions as the networks see them.
 
 use actor_critic::ActionScale;
 use learner_kit::plugin_error;
 use shield_api::{Result, Space, check_finite, check_length};
 
-/// How an element of a space enters a network.
+/// How an action of the space enters a network.
 #[derive(Debug)]
-pub(crate) enum Input {
-    /// So many numbers, as they are.
-    Plain(usize),
+pub(crate) enum ActionInput {
     /// An action of a box, scaled to [-1, 1].
     Scaled(ActionScale),
     /// An index of so many alternatives, as a one-hot row.
     OneHot { space: Space, alternatives: usize },
 }
 
-impl Input {
-    pub(crate) fn of_observations(space: &Space) -> Self {
-        match space {
-            Space::Box { low, .. } => Self::Plain(low.len()),
-            Space::Discrete { n } => Self::OneHot { space: space.clone(), alternatives: *n },
-        }
-    }
-
-    pub(crate) fn of_actions(space: &Space) -> Result<Self> {
+impl ActionInput {
+    pub(crate) fn new(space: &Space) -> Result<Self> {
         match space {
             Space::Box { low, high } => ActionScale::new(low, high).map(Self::Scaled).map_err(plugin_error),
             Space::Discrete { n } => Ok(Self::OneHot { space: space.clone(), alternatives: *n }),
         }
     }
 
-    /// How many numbers describe one in the interface.
-    pub(crate) fn len(&self) -> usize {
-        match self {
-            Self::Plain(length) => *length,
-            Self::Scaled(scale) => scale.len(),
-            Self::OneHot { .. } => 1,
-        }
-    }
-
-    /// How many inputs of a network one takes.
+    /// How many inputs of a network an action takes.
     pub(crate) fn input_len(&self) -> usize {
         match self {
+            Self::Scaled(scale) => scale.len(),
             Self::OneHot { alternatives, .. } => *alternatives,
-            Self::Plain(_) | Self::Scaled(_) => self.len(),
         }
     }
 
-    /// Writes `size` elements of the space into `inputs`, row by row.
+    /// Writes `size` actions of the space into `inputs`, row by row.
     pub(crate) fn take_rows(
         &self,
         what: &str,
-        rows: &[f32],
+        actions: &[f32],
         size: usize,
         inputs: &mut Vec<f32>,
     ) -> Result<()> {
         inputs.clear();
         inputs.resize(size * self.input_len(), 0.0);
         match self {
-            Self::Plain(length) => {
-                check_finite(what, rows, size * length)?;
-                inputs.copy_from_slice(rows);
-            }
             Self::Scaled(scale) => {
-                check_finite(what, rows, size * scale.len())?;
-                scale.to_unit(rows, inputs);
+                check_finite(what, actions, size * scale.len())?;
+                scale.to_unit(actions, inputs);
             }
             Self::OneHot { space, alternatives } => {
-                check_length(what, rows, size)?;
-                for (row, index) in rows.chunks_exact(1).enumerate() {
-                    inputs[row * alternatives + space.action_index(index)?] = 1.0;
+                check_length(what, actions, size)?;
+                for (row, action) in actions.chunks_exact(1).enumerate() {
+                    inputs[row * alternatives + space.action_index(action)?] = 1.0;
                 }
             }
         }
