@@ -13,7 +13,7 @@
 pub use shield_check::{environment_check, plugin_bench, plugin_check};
 pub use shield_config::{atomic_file, drop_in_files, experiment};
 pub use shield_core::{
-    agent, controller, cycle, decision, drop_in, events, experience, plugin_state, settings, shield,
+    agent, controller, critic, cycle, decision, drop_in, events, experience, plugin_state, settings, shield,
     shielded, world,
 };
 pub use shield_host::plugin;

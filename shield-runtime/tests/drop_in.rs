@@ -333,12 +333,13 @@ fn an_unusable_configuration_is_refused_with_its_place() {
     const RULES: &str = "rules: [(plugin: \"r\")]";
     let with = |fields: &str| format!("DropIn(\n reset: (plugin: \"a\"),\n {fields}\n)");
     for (fields, wanted) in [
-        ("shield: ()", "x.ron:3:10: a shield without any rule"),
+        ("shield: (rules: [])", "x.ron:3:18: a shield without any rule"),
         (&format!("shield: ({RULES}, on_abort: Truncate)"), "x.ron:3:45: what an agent of yours learns"),
         (&format!("shield: ({RULES}, projection: Best)"), "the values of an agent of yours"),
         (&format!("shield: ({RULES}), episode_length: 0"), "at least one step"),
         (&format!("shield: ({RULES}), threads: 0"), "at least one thread"),
         (&format!("shield: ({RULES}), hard_reset_cost: -1.0"), "the cost of a hard reset is -1"),
+        ("shield: (), experience: (failure_share: 1.5)", "x.ron:3:42: 1.5 is not a share between 0 and 1"),
         (&format!("shield: ({RULES}), evaluation: None"), "x.ron:3:"),
         (&format!("shield: ({RULES}), pins: {{\"b\": \"{}\"}}", "0".repeat(64)), "no plugin of that id"),
         (

@@ -169,6 +169,16 @@ pub fn cart(steps: u64, extra: &str) -> String {
     )
 }
 
+/// One of these experiments with other rules, and whatever else its shield has.
+///
+/// # Panics
+/// It has no rules.
+pub fn with_shield(experiment: &str, shield: &str) -> String {
+    let start = experiment.find("rules: [").expect("the experiment has rules");
+    let length = experiment[start..].find("],\n").expect("the rules end with their line");
+    format!("{}{shield}{}", &experiment[..start], &experiment[start + length + 2..])
+}
+
 /// The cart's way home, a network in ONNX, as the reset agent of an experiment or a drop-in.
 pub fn way_home() -> String {
     let path = workspace().join("examples/policies/home.onnx");

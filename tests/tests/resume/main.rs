@@ -4,6 +4,7 @@
 #[cfg(unix)]
 mod left_alone;
 mod run_folder;
+mod undoing;
 
 use std::{
     collections::BTreeMap,
@@ -16,7 +17,7 @@ use std::{
 };
 
 use shield_runtime::{
-    events::{Counters, EvaluationEvent},
+    events::{Counters, EvaluationEvent, Intervention},
     experiment::{ExperimentFile, Override, Variant},
     observer::{Observer, Scene, Step},
     plugin::{Registry, SearchPath},
@@ -63,7 +64,7 @@ impl Run {
         let launch = launch.unwrap();
         let before = launch.steps_before();
         let stop = AtomicBool::new(false);
-        let ran = launch.run(Saboteur { sabotage, stop: &stop }, &stop);
+        let ran = launch.run(Saboteur::new(sabotage, &stop), &stop);
         assert_eq!(ran.is_err(), matches!(sabotage, Sabotage::Crash(_) | Sabotage::CrashInEvaluation(_)));
         before
     }
@@ -92,6 +93,8 @@ enum Sabotage {
     None,
     /// Ctrl-C after so many steps.
     Stop(u64),
+    /// Ctrl-C at so many rejected actions, between two steps perhaps.
+    StopAtRejection(u64),
     /// The end of everything after so many steps: what was written since the last checkpoint stays behind.
     Crash(u64),
     /// The same within the evaluation at that step.
@@ -100,7 +103,14 @@ enum Sabotage {
 
 struct Saboteur<'a> {
     sabotage: Sabotage,
+    rejections: u64,
     stop: &'a AtomicBool,
+}
+
+impl<'a> Saboteur<'a> {
+    fn new(sabotage: Sabotage, stop: &'a AtomicBool) -> Self {
+        Self { sabotage, rejections: 0, stop }
+    }
 }
 
 impl Observer for Saboteur<'_> {
@@ -110,6 +120,14 @@ impl Observer for Saboteur<'_> {
             Sabotage::Stop(step) if counters.steps == step => self.stop.store(true, Ordering::Relaxed),
             Sabotage::Crash(step) => anyhow::ensure!(counters.steps != step, "crash"),
             _ => {}
+        }
+        Ok(())
+    }
+
+    fn on_intervention(&mut self, _: &Intervention<'_>, _: &mut Scene<'_>) -> anyhow::Result<()> {
+        self.rejections += 1;
+        if let Sabotage::StopAtRejection(number) = self.sabotage {
+            self.stop.fetch_or(self.rejections == number, Ordering::Relaxed);
         }
         Ok(())
     }

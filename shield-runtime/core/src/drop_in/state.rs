@@ -137,6 +137,7 @@ impl DropIn {
         for (name, is_there, is_here) in [
             ("a reset task", state.task.is_some(), self.task.is_some()),
             ("a memory", state.learned.is_some(), self.cycle.parts().memory.is_some()),
+            ("a success critic", state.undo.critic.is_some(), self.cycle.parts().success.is_some()),
         ] {
             if is_there != is_here {
                 let (with, without) = if is_there { ("it", "this shield") } else { ("this shield", "it") };

@@ -153,6 +153,21 @@ fn invalid_values_are_refused_with_their_place() {
     );
     check_field("experience: (cost_weight: @-1.0)", "the weight -1 is not finite and at least 0");
     check_field("experience: (cost_weight: @NaN)", "the weight NaN is not finite and at least 0");
+    check_field("experience: (failure_share: @-0.1)", "-0.1 is not a share between 0 and 1");
+    check_field("experience: (success_share: @NaN)", "NaN is not a share between 0 and 1");
+    for half_life in ["0", "-1", "NaN"] {
+        let field = format!("experience: (outcome_half_life: @{half_life})");
+        let message = format!("the half-life {half_life} is not above 0; `inf`: outcomes do not fade");
+        check_field(&field, &message);
+    }
+    check_field(
+        "experience: (abort_lifetime: @0)",
+        "an abort that teaches for no transition is not stored at all: leave `on_abort` out",
+    );
+    check_field(
+        "experience: (failure_share: 0.75, success_share: @0.5)",
+        "with `failure_share` it makes 1.25; a batch has no more than 1",
+    );
     check_field(
         "record: (decisions: 0, states_every: @5)",
         "states are kept with decisions, of which `decisions: 0` keeps none",
