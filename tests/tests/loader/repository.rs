@@ -66,9 +66,9 @@ fn the_rule_of_undo_probabilities_reports_its_threshold_and_the_realised_risk() 
         rule.observe_attempt(&ObservedAttempt { step: 2, succeeded: false }).unwrap();
         drained(&metrics)
     };
-    assert_eq!(figures(), [("threshold".to_string(), 0.5)]);
+    assert_eq!(figures(), [("threshold".to_string(), f64::from(0.8_f32))]);
     let found = figures();
-    assert!((found[0].1 - 0.54).abs() < 1e-6, "{found:?}");
+    assert!((found[0].1 - 0.84).abs() < 1e-6, "{found:?}");
     assert_eq!(found[1..], [("realised_risk".to_string(), 1.0)]);
 }
 
