@@ -6,6 +6,7 @@ pub mod agent;
 pub mod critic;
 pub mod cycle;
 pub mod decision;
+pub mod diagnosis;
 pub mod drop_in;
 pub mod events;
 pub mod experience;
