@@ -9,6 +9,7 @@ pub mod decision;
 pub mod diagnosis;
 pub mod drop_in;
 pub mod events;
+pub mod examination;
 pub mod experience;
 pub mod plugin_state;
 pub mod settings;
