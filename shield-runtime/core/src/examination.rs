@@ -93,6 +93,21 @@ impl Examination {
         is_finite.then(|| Seen { observation: observation.to_vec(), is_inside })
     }
 
+    /// Tells a new reset task of everything that was seen: the starts, and the random steps as experience.
+    ///
+    /// # Errors
+    /// The task failed.
+    pub fn tell(&self, task: &mut dyn ResetTask, action_len: usize) -> Result<()> {
+        let action = vec![0.0; action_len];
+        self.starts.iter().try_for_each(|seen| task.observe_start(&seen.observation))?;
+        for walk in &self.walks {
+            for pair in walk.states.windows(2) {
+                task.evaluate(&pair[0].observation, &action, &pair[1].observation)?;
+            }
+        }
+        Ok(())
+    }
+
     /// Asks a reset task about everything that was seen, now that it knows starts and experience.
     ///
     /// # Errors

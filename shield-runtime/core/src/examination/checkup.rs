@@ -87,7 +87,9 @@ impl Checkup {
 impl fmt::Display for Verdict {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Works => f.write_str("it works: nothing is in the way of a shield here"),
+            Self::Works => {
+                f.write_str("it works, as far as random actions show: nothing is in the way of a shield")
+            }
             Self::Change(remedy) => write!(f, "change this setting: {remedy}"),
             Self::CannotHelp(reason) => write!(f, "it cannot help here because {reason}"),
         }
