@@ -224,11 +224,6 @@ fn conformal_quantile(sorted: &[f64], coverage: f64) -> Option<f64> {
     sorted.get(rank.checked_sub(1)?).copied()
 }
 
-/// Whether so many starts can promise that the next one lies inside with the probability `coverage`.
-pub(crate) fn is_enough(starts: usize, coverage: f64) -> bool {
-    ((starts + 1) as f64 * coverage).ceil() as usize <= starts
-}
-
 /// The largest of the distances within which no more than `share` of them lie.
 fn reach(sorted: &[f64], share: f64) -> f64 {
     let allowed = (sorted.len() as f64 * share).floor() as usize;

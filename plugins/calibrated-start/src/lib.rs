@@ -8,7 +8,7 @@ mod state;
 use shield_api::{Error, Host, Plugin, ResetSignal, ResetTask, Result, Setup, check_finite};
 
 use crate::{
-    calibration::{Aims, Calibration, is_enough},
+    calibration::{Aims, Calibration},
     memory::Memory,
 };
 
@@ -127,10 +127,8 @@ impl ResetTask for CalibratedStart {
 
     fn observe_start(&mut self, observation: &[f32]) -> Result<()> {
         check_finite("observation", observation, self.observation_len)?;
-        // Judged before it is learned from, once there are enough to promise the coverage.
-        let is_calibrated = self.calibration.starts_inside.is_some()
-            && is_enough(self.memory.starts().len(), self.aims.coverage);
-        if is_calibrated {
+        // Judged before it is learned from: whether a fresh start counts as reset.
+        if self.calibration.starts_inside.is_some() {
             let is_inside = self.calibration.judge(self.memory.starts(), observation).in_reset_set;
             self.host.metric("start_inside", f64::from(u8::from(is_inside)));
         }

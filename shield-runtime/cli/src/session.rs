@@ -18,7 +18,7 @@ use shield_host::plugin::Registry;
 use shield_lab::run::{Identity, Order, Prepared, RunFolder, Standing, Summary};
 use shield_report::report::Record;
 
-use super::{Failure, output, progress::Progress, table};
+use super::{Failure, findings, output, progress::Progress, table};
 
 /// A run that somebody asked for.
 pub struct Job {
@@ -105,6 +105,7 @@ impl<'a> Session<'a> {
         let Outcomes { summaries, failures } = outcomes;
         if !summaries.is_empty() {
             output::note(table::results(&names, &summaries));
+            findings::notes(&names, &summaries).iter().for_each(output::note);
         }
         if !failures.is_empty() {
             let list = failures.join("\n  ");

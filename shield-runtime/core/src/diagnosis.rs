@@ -105,6 +105,8 @@ struct Starts {
 struct Attempts {
     /// The last ones as bits; 1 is a failure.
     recent: u128,
+    /// The same; 1 is an end of the environment in the agent's own episode.
+    recent_ends: u128,
     ended: u32,
     successes: u32,
     failed_in_a_row: u32,
@@ -162,7 +164,7 @@ impl Diagnosis {
         }
     }
 
-    /// Everything is at its start. `is_first`: no hard reset led there. `inside`: whether the start counts as reset, where the caller knows.
+    /// Everything is at its start. `is_first`: no hard reset led there.
     pub(crate) fn placed(&mut self, is_first: bool) {
         let cause = self.resets.cause.take().unwrap_or(ResetCause::Requested);
         self.starts.states = 0;
@@ -259,7 +261,7 @@ impl Diagnosis {
     fn forward_episode(&mut self, length: u64, end: EpisodeEnd) {
         let has_terminated = end == EpisodeEnd::Terminated;
         if has_terminated {
-            self.outcome(false);
+            self.outcome(false, true);
         }
         self.episodes.count += 1;
         self.episodes.terminated += u32::from(has_terminated);
@@ -276,7 +278,7 @@ impl Diagnosis {
     }
 
     fn attempt(&mut self, length: u64, has_reset: bool) {
-        self.outcome(has_reset);
+        self.outcome(has_reset, false);
         let attempts = &mut self.attempts;
         if has_reset {
             attempts.successes += 1;
@@ -305,16 +307,18 @@ impl Diagnosis {
     }
 
     /// An attempt ended, or the environment did before one could begin.
-    fn outcome(&mut self, has_reset: bool) {
+    fn outcome(&mut self, has_reset: bool, is_end: bool) {
         let attempts = &mut self.attempts;
         attempts.recent = attempts.recent << 1 | u128::from(!has_reset);
+        attempts.recent_ends = attempts.recent_ends << 1 | u128::from(is_end);
         attempts.ended = attempts.ended.saturating_add(1);
-        let ended = attempts.ended.min(RISK_WINDOW);
-        let failures = (attempts.recent & ((1 << ended) - 1)).count_ones();
-        let Some(accepted) = self.accepted_risk.filter(|_| ended >= FEWEST_ATTEMPTS) else { return };
-        let deviation = (accepted * (1.0 - accepted) / f64::from(ended)).sqrt();
-        if f64::from(failures) / f64::from(ended) > accepted + DEVIATIONS * deviation {
-            self.tell(Finding::RiskExceeded { failures, attempts: ended, accepted });
+        let known = attempts.ended.min(RISK_WINDOW);
+        let of_last = |bits: u128| (bits & ((1 << known) - 1)).count_ones();
+        let (failures, ended) = (of_last(attempts.recent), of_last(attempts.recent_ends));
+        let Some(accepted) = self.accepted_risk.filter(|_| known >= FEWEST_ATTEMPTS) else { return };
+        let deviation = (accepted * (1.0 - accepted) / f64::from(known)).sqrt();
+        if f64::from(failures) / f64::from(known) > accepted + DEVIATIONS * deviation {
+            self.tell(Finding::RiskExceeded { failures, ended, attempts: known, accepted });
         }
     }
 

@@ -73,6 +73,8 @@ pub enum Finding {
     RiskExceeded {
         /// Attempts that failed.
         failures: u32,
+        /// Of these, ends of the environment in the agent's own episode.
+        ended: u32,
         /// Attempts that were looked at.
         attempts: u32,
         /// The accepted share.
@@ -121,8 +123,8 @@ impl fmt::Display for Finding {
             Self::StartsOutside { inside, starts } => write!(
                 f,
                 "only {inside} of the last {starts} starts count as reset, so an attempt fails even where it comes back to a start. \
-                 Widen the reset set: with the reset task \"calibrated-start\" (20 starts are enough for it), with a larger \
-                 `reset_task.config.radius` of \"near-start\", or with an `in_reset_set` that holds at the starts"
+                 Widen the reset set: the reset task \"calibrated-start\" does so from its 20th start on, so reset the environment that often \
+                 at the beginning; raise `reset_task.config.radius` of \"near-start\"; let `in_reset_set` hold at the starts"
             ),
             Self::StartsUnlikely { starts, attempts } => write!(
                 f,
@@ -167,14 +169,21 @@ impl fmt::Display for Finding {
                  average: then nothing can be undone, and each costs a hard reset. If the environment could go on, do not let it terminate \
                  (in Gymnasium often `terminate_when_unhealthy=False`); else lower `accepted_risk`, so that the reset agent takes over earlier"
             ),
-            Self::RiskExceeded { failures, attempts, accepted } => write!(
-                f,
-                "{failures} of the last {attempts} attempts failed ({:.0}%), but the accepted risk is {:.0}%; an environment that terminates \
-                 counts as a failed attempt. The threshold cannot make up for a reset agent that fails from states near the start: give attempts \
-                 more time (`episode_length`), let it learn more (`experience.updates_per_step`), or accept more (`accepted_risk`)",
-                percent(f64::from(failures) / f64::from(attempts.max(1))),
-                percent(accepted)
-            ),
+            Self::RiskExceeded { failures, ended, attempts, accepted } => {
+                write!(
+                    f,
+                    "{failures} of the last {attempts} attempts failed ({:.0}%), but the accepted risk is {:.0}%. ",
+                    percent(f64::from(failures) / f64::from(attempts.max(1))),
+                    percent(accepted)
+                )?;
+                f.write_str(if 2 * ended > failures {
+                    "Most of them because the environment terminated before the reset agent took over: let the critic learn more \
+                     (`experience.updates_per_step`), raise `initial_threshold`, or do not let the environment terminate where it could go on"
+                } else {
+                    "The threshold cannot make up for a reset agent that fails from states near the start: give attempts more time \
+                     (`episode_length`), let it learn more (`experience.updates_per_step`), or accept more (`accepted_risk`)"
+                })
+            }
             Self::SlowReturn { successes, attempts, attempt_length, forward_length } => write!(
                 f,
                 "{successes} of the last {attempts} attempts succeeded, but an attempt takes {attempt_length:.0} steps and the task gets \

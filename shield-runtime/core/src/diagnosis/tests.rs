@@ -236,6 +236,9 @@ fn a_risk_above_the_accepted_one_is_told_if_chance_does_not_explain_it() {
     assert!(!failing(0.05, 4, 40), "too few attempts");
     assert!(!failing(0.05, 10, 200), "10% of 100 may be chance");
     assert!(!failing(0.4, 4, 200));
+    let mut ending = Story::accepting(0.05);
+    (0..50).for_each(|_| ending.forward(10, EpisodeEnd::Terminated));
+    assert!(ending.text("risk-exceeded").contains("Most of them because the environment terminated"));
 }
 
 #[test]
@@ -269,7 +272,7 @@ fn each_finding_is_told_once_and_there_is_room_for_all() {
         Finding::ResetsRequested { requested: 5, hard_resets: 5 },
         Finding::ResetsTruncated { truncated: 5, hard_resets: 5, mean_steps: 200.0 },
         Finding::EpisodesTerminate { terminated: 20, episodes: 20, mean_length: 20.0 },
-        Finding::RiskExceeded { failures: 50, attempts: 100, accepted: 0.05 },
+        Finding::RiskExceeded { failures: 50, ended: 0, attempts: 100, accepted: 0.05 },
         Finding::SlowReturn { successes: 20, attempts: 20, attempt_length: 50.0, forward_length: 10.0 },
     ];
     assert_eq!(all.len(), Finding::KINDS);

@@ -4,7 +4,10 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use shield_core::events::{Counters, EvaluationEvent};
+use shield_core::{
+    diagnosis::Finding,
+    events::{Counters, EvaluationEvent},
+};
 
 /// Which run it is.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -15,6 +18,21 @@ pub struct Identity {
     pub variant: String,
     /// Seed.
     pub seed: u64,
+}
+
+/// Something that kept the shield from helping.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FoundInRun {
+    /// Its name, which stays.
+    pub name: String,
+    /// What was seen, with figures, and what to do.
+    pub sentence: String,
+}
+
+impl From<&Finding> for FoundInRun {
+    fn from(finding: &Finding) -> Self {
+        Self { name: finding.name().into(), sentence: finding.to_string() }
+    }
 }
 
 /// The summary of a run. Only the four timing keys at its end differ between two runs of one seed.
@@ -72,6 +90,9 @@ pub struct Summary {
     pub success_rate: Option<f64>,
     /// First step after which three evaluations in a row succeeded; the budget if never.
     pub steps_to_solve: Option<u64>,
+    /// What kept the shield from helping, the earliest first.
+    #[serde(default)]
+    pub findings: Vec<FoundInRun>,
     /// Whether a continued run equals an uninterrupted one.
     pub exact_resume: bool,
     /// Whether another run of the same seed gives the same results: not where decisions have a deadline.
@@ -149,6 +170,7 @@ impl Summary {
             best_return: None,
             success_rate: None,
             steps_to_solve: None,
+            findings: Vec::new(),
             exact_resume: false,
             deterministic: true,
             wall_seconds: 0.0,

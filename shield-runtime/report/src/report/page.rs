@@ -11,6 +11,8 @@ use super::{
     statistics::{Spread, show},
 };
 
+use shield_lab::run::FoundInRun;
+
 /// A column of the final table: heading, figure of one run, decimals.
 type Column = (&'static str, fn(&RunRecord) -> Option<f64>, usize);
 
@@ -55,6 +57,15 @@ struct ConfigRow {
     values: Vec<String>,
 }
 
+/// Of several runs, the sentence is the first one's.
+#[derive(Serialize)]
+struct FindingRow<'a> {
+    variant: &'a str,
+    seeds: String,
+    name: &'a str,
+    sentence: &'a str,
+}
+
 #[derive(Serialize)]
 struct PluginRow<'a> {
     fields: String,
@@ -89,6 +100,7 @@ pub fn page(record: &Record, figures: &[Figure], pictures: &[(String, String, St
         columns => COLUMNS.map(|(heading, ..)| heading),
         rows => record.variants.iter().map(row).collect::<Vec<_>>(),
         notes => notes(&record.variants),
+        findings => findings(&record.variants),
         drawings,
         names,
         differences => configurations(&record.variants),
@@ -128,6 +140,24 @@ fn notes(variants: &[VariantRecord]) -> Vec<String> {
         )
     };
     variants.iter().filter(is_busy_resetting).map(note).collect()
+}
+
+/// What kept the shield from helping: a line for each finding of each variant, with the seeds that have it.
+fn findings(variants: &[VariantRecord]) -> Vec<FindingRow<'_>> {
+    let mut rows: Vec<FindingRow<'_>> = Vec::new();
+    for variant in variants {
+        let first = rows.len();
+        for run in &variant.runs {
+            for FoundInRun { name, sentence } in &run.summary.findings {
+                let seed = run.seed.to_string();
+                match rows[first..].iter_mut().find(|row| row.name == name) {
+                    Some(row) => row.seeds += &format!(", {seed}"),
+                    None => rows.push(FindingRow { variant: &variant.name, seeds: seed, name, sentence }),
+                }
+            }
+        }
+    }
+    rows
 }
 
 /// Every field in which some variant differs from the first, with what each has there.
