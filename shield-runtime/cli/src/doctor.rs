@@ -128,6 +128,10 @@ const GRAVE: [&str; 8] = [
     "episodes-terminate",
 ];
 
+fn is_grave(found: &FoundInRun) -> bool {
+    !found.is_over && GRAVE.contains(&found.name.as_str())
+}
+
 fn of_run(folder: &RunFolder) -> Result<(), Failure> {
     let path = folder.path().display();
     let (_, variant) = shield_lab::run::of_folder(folder, &[]).map_err(input)?;
@@ -139,7 +143,6 @@ fn of_run(folder: &RunFolder) -> Result<(), Failure> {
         Failure::Input(format!("{path} has no summary.json yet: the run is going on, or was killed"))
     })?;
     output::result(recorded(&summary))?;
-    let is_grave = |found: &FoundInRun| GRAVE.contains(&found.name.as_str());
     if summary.findings.iter().any(is_grave) {
         return Err(Failure::Run("a setting must be changed".into()));
     }
@@ -154,15 +157,16 @@ fn recorded(summary: &Summary) -> String {
         "{} steps, {share:.0}% of them forward; {early_aborts} early aborts, {reset_episodes} attempts, {hard_resets} hard resets\n",
         steps
     );
-    for FoundInRun { name, sentence } in &summary.findings {
-        let word = if GRAVE.contains(&name.as_str()) { "CHANGE" } else { "note" };
-        text += &format!("{word:<7} {name:<18} {sentence}\n");
+    for found in &summary.findings {
+        let word = if is_grave(found) { "CHANGE" } else { "note" };
+        text += &format!("{word:<7} {:<18} {} [{}]\n", found.name, found.sentence, found.when());
     }
-    let grave = summary.findings.iter().find(|found| GRAVE.contains(&found.name.as_str()));
-    text += &match (grave, summary.findings.first()) {
+    let grave = summary.findings.iter().find(|found| is_grave(found));
+    let present = summary.findings.iter().find(|found| !found.is_over);
+    text += &match (grave, present) {
         (Some(found), _) => format!("verdict: change this setting: {}", found.sentence),
         (None, Some(_)) => "verdict: it works, but not as well as it could".into(),
-        (None, None) => "verdict: it works: nothing kept the shield from helping".into(),
+        (None, None) => "verdict: it works: nothing keeps the shield from helping".into(),
     };
     text.lines().map(printable).collect::<Vec<_>>().join("\n")
 }

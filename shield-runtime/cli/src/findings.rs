@@ -8,7 +8,8 @@ pub fn notes(variants: &[String], runs: &[Summary]) -> Vec<String> {
     for variant in variants {
         let of_variant: Vec<&Summary> = runs.iter().filter(|run| run.variant == *variant).collect();
         let mut known: Vec<&str> = Vec::new();
-        for FoundInRun { name, sentence } in of_variant.iter().flat_map(|run| &run.findings) {
+        for found in of_variant.iter().flat_map(|run| &run.findings) {
+            let FoundInRun { name, sentence, .. } = found;
             if known.contains(&name.as_str()) {
                 continue;
             }
@@ -17,7 +18,10 @@ pub fn notes(variants: &[String], runs: &[Summary]) -> Vec<String> {
             let mut seeds: Vec<u64> = of_variant.iter().filter(has_it).map(|run| run.seed).collect();
             seeds.sort_unstable();
             let seeds = seeds.iter().map(u64::to_string).collect::<Vec<_>>().join(", ");
-            notes.push(printable(&format!("note: {variant}, seed {seeds}: {sentence} [{name}]")));
+            notes.push(printable(&format!(
+                "note: {variant}, seed {seeds}: {sentence} [{name}, {}]",
+                found.when()
+            )));
         }
     }
     notes
@@ -54,7 +58,10 @@ mod tests {
         ];
         let notes = notes(&["a".into(), "b".into()], &runs);
         assert_eq!(notes.len(), 2, "{notes:?}");
-        assert_eq!(notes[0], "note: b, seed 0, 1: 10 attempts [no-success]");
+        assert_eq!(
+            notes[0],
+            "note: b, seed 0, 1: 10 attempts [no-success, after 1000 steps; no longer so at the end]"
+        );
         assert!(!printable("\u{1b}[31m").contains('\u{1b}'));
     }
 }

@@ -44,12 +44,10 @@ const FEWEST_RESETS: u32 = 5;
 const EPISODES: u32 = 20;
 /// Of these, how many must terminate: four of five.
 const TERMINATED_EPISODES: u32 = 16;
-/// Before so many steps an untrained shield prevents nothing yet, and no judgement on it is fair.
+/// Before so many steps an untrained shield prevents nothing yet, a reset task knows few starts, and no judgement on either is fair.
 const SETTLED_STEPS: u64 = 1_000;
-/// The last attempts over which the realised risk is taken.
-const RISK_WINDOW: u32 = 100;
-/// Fewer say too little about a risk.
-const FEWEST_ATTEMPTS: u32 = 50;
+/// The last attempts over which the realised risk is taken, all of which must be there: fewer say too little about a risk of 0.05.
+const RISK_WINDOW: u32 = 50;
 /// So many standard deviations of a share of attempts above the accepted one are no chance.
 const DEVIATIONS: f64 = 3.0;
 /// Attempts that are looked at together for the time that they take, in at least [`SETTLED_STEPS`].
@@ -70,10 +68,21 @@ enum ResetCause {
     Requested,
 }
 
+/// A finding, when it was made, and whether it still holds.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Found {
+    /// As it was when it was made.
+    pub finding: Finding,
+    /// Environment steps before.
+    pub step: u64,
+    /// It holds no more: what was wrong has passed.
+    pub is_over: bool,
+}
+
 /// Counts what happens around a shield, and concludes what is wrong.
 #[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
 pub struct Diagnosis {
-    found: [Option<Finding>; Finding::KINDS],
+    found: [Option<Found>; Finding::KINDS],
     steps: u64,
     starts: Starts,
     forward_states: u64,
@@ -105,11 +114,13 @@ struct Starts {
 struct Attempts {
     /// The last ones as bits; 1 is a failure.
     recent: u128,
-    /// The same; 1 is an end of the environment in the agent's own episode.
+    /// The same; 1 is an end of the environment.
     recent_ends: u128,
     ended: u32,
     successes: u32,
     failed_in_a_row: u32,
+    /// Of these, ends of the environment.
+    ended_in_a_row: u32,
     failed_steps: u64,
 }
 
@@ -152,15 +163,22 @@ struct Share {
 impl Diagnosis {
     /// Everything that was found, the earliest first.
     pub fn findings(&self) -> impl Iterator<Item = &Finding> {
+        self.found().map(|found| &found.finding)
+    }
+
+    /// The same, with when it was found and whether it still holds.
+    pub fn found(&self) -> impl Iterator<Item = &Found> {
         self.found.iter().flatten()
     }
 
-    fn tell(&mut self, finding: Finding) {
-        let is_same = |known: &Finding| std::mem::discriminant(known) == std::mem::discriminant(&finding);
-        if !self.findings().any(is_same)
-            && let Some(free) = self.found.iter_mut().find(|place| place.is_none())
-        {
-            *free = Some(finding);
+    /// Takes note of whether this holds; it is found once.
+    fn note(&mut self, holds: bool, finding: Finding) {
+        let is_same =
+            |known: &&mut Found| std::mem::discriminant(&known.finding) == std::mem::discriminant(&finding);
+        if let Some(known) = self.found.iter_mut().flatten().find(is_same) {
+            known.is_over = !holds;
+        } else if holds && let Some(free) = self.found.iter_mut().find(|place| place.is_none()) {
+            *free = Some(Found { finding, step: self.steps, is_over: false });
         }
     }
 
@@ -176,13 +194,13 @@ impl Diagnosis {
         resets.truncated += u32::from(cause == ResetCause::Truncated);
         resets.requested += u32::from(cause == ResetCause::Requested);
         let Resets { total, truncated, requested, steps, .. } = *resets;
-        if requested >= FEWEST_RESETS && 2 * requested > total {
-            self.tell(Finding::ResetsRequested { requested, hard_resets: total });
-        }
-        if truncated >= FEWEST_RESETS && 2 * truncated > total {
-            let mean_steps = steps as f64 / f64::from(total);
-            self.tell(Finding::ResetsTruncated { truncated, hard_resets: total, mean_steps });
-        }
+        let is_usual = |count: u32| count >= FEWEST_RESETS && 2 * count > total;
+        self.note(is_usual(requested), Finding::ResetsRequested { requested, hard_resets: total });
+        let mean_steps = steps as f64 / f64::from(total);
+        self.note(
+            is_usual(truncated),
+            Finding::ResetsTruncated { truncated, hard_resets: total, mean_steps },
+        );
     }
 
     /// A hard reset is due, and was not before. `is_own`: the cycle says so; else the caller.
@@ -202,23 +220,21 @@ impl Diagnosis {
         starts.known += 1;
         let seen = starts.known.min(MOST_STARTS);
         let inside = (starts.recent & ((1 << seen) - 1)).count_ones();
-        if seen >= FEWEST_STARTS && 2 * inside < seen {
-            self.tell(Finding::StartsOutside { inside, starts: seen });
-        }
+        let holds = seen >= FEWEST_STARTS && 2 * inside < seen && self.steps >= SETTLED_STEPS;
+        self.note(holds, Finding::StartsOutside { inside, starts: seen });
     }
 
     /// The rules decided on an action of the forward agent.
     pub(crate) fn decided(&mut self, is_allowed: bool) {
         if is_allowed {
             self.rejected = Rejected { decisions: 0, since: self.steps };
-            return;
+        } else {
+            self.rejected.decisions += 1;
         }
-        self.rejected.decisions += 1;
         let Rejected { decisions, since } = self.rejected;
         let steps = self.steps - since;
-        if steps >= NOTHING_ALLOWED.0 && decisions >= NOTHING_ALLOWED.1 {
-            self.tell(Finding::NothingAllowed { decisions, steps });
-        }
+        let holds = steps >= NOTHING_ALLOWED.0 && decisions >= NOTHING_ALLOWED.1;
+        self.note(holds, Finding::NothingAllowed { decisions, steps });
     }
 
     /// A step was made. What the rules and the reset task say of themselves is looked up in `metrics`.
@@ -243,9 +259,8 @@ impl Diagnosis {
             self.forward_states += 1;
             self.forward_inside += u64::from(outcome.in_reset_set);
             let (inside, states) = (self.forward_inside, self.forward_states);
-            if states >= FEWEST_STATES && inside as f64 >= NEARLY_ALL * states as f64 {
-                self.tell(Finding::EveryStateInside { inside, states });
-            }
+            let holds = states >= FEWEST_STATES && inside as f64 >= NEARLY_ALL * states as f64;
+            self.note(holds, Finding::EveryStateInside { inside, states });
         }
     }
 
@@ -253,7 +268,9 @@ impl Diagnosis {
     pub(crate) fn episode(&mut self, role: AgentRole, tally: &Tally, end: EpisodeEnd, has_reset: bool) {
         match role {
             AgentRole::Forward if tally.length > 0 => self.forward_episode(tally.length, end),
-            AgentRole::Reset if end != EpisodeEnd::WorkerLost => self.attempt(tally.length, has_reset),
+            AgentRole::Reset if end != EpisodeEnd::WorkerLost => {
+                self.attempt(tally.length, has_reset, end == EpisodeEnd::Terminated)
+            }
             _ => {}
         }
     }
@@ -271,32 +288,32 @@ impl Diagnosis {
             return;
         }
         self.episodes = Episodes::default();
-        if terminated >= TERMINATED_EPISODES && self.steps >= SETTLED_STEPS {
-            let mean_length = steps as f64 / f64::from(count);
-            self.tell(Finding::EpisodesTerminate { terminated, episodes: count, mean_length });
-        }
+        let mean_length = steps as f64 / f64::from(count);
+        let holds = terminated >= TERMINATED_EPISODES && self.steps >= SETTLED_STEPS;
+        self.note(holds, Finding::EpisodesTerminate { terminated, episodes: count, mean_length });
     }
 
-    fn attempt(&mut self, length: u64, has_reset: bool) {
-        self.outcome(has_reset, false);
+    fn attempt(&mut self, length: u64, has_reset: bool, is_end: bool) {
+        self.outcome(has_reset, is_end);
         let attempts = &mut self.attempts;
         if has_reset {
             attempts.successes += 1;
-            (attempts.failed_in_a_row, attempts.failed_steps) = (0, 0);
+            (attempts.failed_in_a_row, attempts.ended_in_a_row, attempts.failed_steps) = (0, 0, 0);
         } else {
             attempts.failed_in_a_row += 1;
+            attempts.ended_in_a_row += u32::from(is_end);
             attempts.failed_steps += length;
         }
-        let Attempts { failed_in_a_row: failed, failed_steps: steps, successes, .. } = *attempts;
+        let Attempts {
+            failed_in_a_row: failed, ended_in_a_row: ended, failed_steps: steps, successes, ..
+        } = *attempts;
         let is_long = failed >= LONG_ATTEMPTS.0 && steps >= LONG_ATTEMPTS.1;
-        if failed >= self.most_failures() || is_long {
-            self.tell(Finding::NoSuccess { attempts: failed, steps, has_succeeded: successes > 0 });
-        }
+        let holds = self.steps >= SETTLED_STEPS && (failed >= self.most_failures() || is_long);
+        self.note(holds, Finding::NoSuccess { attempts: failed, ended, steps, has_succeeded: successes > 0 });
         let Starts { known, is_reached, left_at_once, .. } = self.starts;
         let is_suspect = known == 0 && !is_reached && left_at_once >= FEWEST_STARTS;
-        if is_suspect && successes == 0 && failed >= SUSPECT_ATTEMPTS {
-            self.tell(Finding::StartsUnlikely { starts: left_at_once, attempts: failed });
-        }
+        let holds = is_suspect && successes == 0 && failed >= SUSPECT_ATTEMPTS && self.steps >= SETTLED_STEPS;
+        self.note(holds, Finding::StartsUnlikely { starts: left_at_once, attempts: failed });
         self.note_share(length, has_reset);
     }
 
@@ -315,11 +332,11 @@ impl Diagnosis {
         let known = attempts.ended.min(RISK_WINDOW);
         let of_last = |bits: u128| (bits & ((1 << known) - 1)).count_ones();
         let (failures, ended) = (of_last(attempts.recent), of_last(attempts.recent_ends));
-        let Some(accepted) = self.accepted_risk.filter(|_| known >= FEWEST_ATTEMPTS) else { return };
+        let is_fair = known == RISK_WINDOW && self.steps >= SETTLED_STEPS;
+        let Some(accepted) = self.accepted_risk.filter(|_| is_fair) else { return };
         let deviation = (accepted * (1.0 - accepted) / f64::from(known)).sqrt();
-        if f64::from(failures) / f64::from(known) > accepted + DEVIATIONS * deviation {
-            self.tell(Finding::RiskExceeded { failures, ended, attempts: known, accepted });
-        }
+        let holds = f64::from(failures) / f64::from(known) > accepted + DEVIATIONS * deviation;
+        self.note(holds, Finding::RiskExceeded { failures, ended, attempts: known, accepted });
     }
 
     fn note_share(&mut self, length: u64, has_reset: bool) {
@@ -336,10 +353,9 @@ impl Diagnosis {
             && (forward_steps as f64) < HALF * steps as f64;
         *share = Share { was_slow: is_slow, ..Share::default() };
         // Twice in a row: a reset agent that learns becomes faster.
-        if is_slow && was_slow {
-            let [attempt_length, forward_length] =
-                [attempt_steps, forward_steps].map(|steps| steps as f64 / f64::from(attempts));
-            self.tell(Finding::SlowReturn { successes, attempts, attempt_length, forward_length });
-        }
+        let [attempt_length, forward_length] =
+            [attempt_steps, forward_steps].map(|steps| steps as f64 / f64::from(attempts));
+        let finding = Finding::SlowReturn { successes, attempts, attempt_length, forward_length };
+        self.note(is_slow && was_slow, finding);
     }
 }

@@ -18,7 +18,7 @@ use crate::{
 };
 use shield_core::{
     cycle::{CycleParts, HardResetDue, ResetCycle},
-    diagnosis::Finding,
+    diagnosis::Found,
     events::{Counters, EpisodeEnd, EpisodeEvent, HardReset},
     experience::AgentRole,
     settings::Mode,
@@ -86,8 +86,8 @@ impl<'a> JointLoop<'a> {
     }
 
     /// What kept the shield from helping so far, the earliest first.
-    pub fn findings(&self) -> impl Iterator<Item = &Finding> {
-        self.cycle.diagnosis().findings()
+    pub fn findings(&self) -> impl Iterator<Item = &Found> {
+        self.cycle.diagnosis().found()
     }
 
     /// Runs until the steps are used up or `stop` is set; returns whether it was stopped.

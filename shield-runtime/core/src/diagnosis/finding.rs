@@ -32,6 +32,8 @@ pub enum Finding {
     NoSuccess {
         /// How many.
         attempts: u32,
+        /// Of these, attempts in which the environment terminated.
+        ended: u32,
         /// The steps that they took.
         steps: u64,
         /// Whether an attempt before them succeeded.
@@ -73,7 +75,7 @@ pub enum Finding {
     RiskExceeded {
         /// Attempts that failed.
         failures: u32,
-        /// Of these, ends of the environment in the agent's own episode.
+        /// Of these, ends of the environment, in an attempt or before one.
         ended: u32,
         /// Attempts that were looked at.
         attempts: u32,
@@ -138,9 +140,16 @@ impl fmt::Display for Finding {
                  Narrow the reset set (`in_reset_set`, `reset_reward`, or `reset_task.config`: a smaller `radius` of \"near-start\" or \
                  `least_radius` of \"calibrated-start\"); where the agent does stay so near to its starts, no shield is needed"
             ),
-            Self::NoSuccess { attempts, steps, has_succeeded } => {
+            Self::NoSuccess { attempts, ended, steps, has_succeeded } => {
                 write!(f, "the last {attempts} attempts to reset had no success in {steps} steps")?;
                 f.write_str(if has_succeeded { "" } else { ", nor did any before" })?;
+                if 2 * ended > attempts {
+                    return write!(
+                        f,
+                        ": in {ended} of them the environment terminated. Do not let it terminate where it could go on (in Gymnasium often \
+                         `terminate_when_unhealthy=False`), or use a reset agent that does not end it (`reset`)"
+                    );
+                }
                 f.write_str(
                     ". If that goes on: give attempts more time (`episode_length`), widen the reset set (`reset_task`, `in_reset_set`), \
                      or use a reset agent that learns faster (`reset`, `experience.updates_per_step`) or needs not learn",
@@ -177,7 +186,7 @@ impl fmt::Display for Finding {
                     percent(accepted)
                 )?;
                 f.write_str(if 2 * ended > failures {
-                    "Most of them because the environment terminated before the reset agent took over: let the critic learn more \
+                    "Most of them because the environment terminated: let the critic learn more \
                      (`experience.updates_per_step`), raise `initial_threshold`, or do not let the environment terminate where it could go on"
                 } else {
                     "The threshold cannot make up for a reset agent that fails from states near the start: give attempts more time \

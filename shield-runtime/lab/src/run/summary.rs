@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use shield_core::{
-    diagnosis::Finding,
+    diagnosis::Found,
     events::{Counters, EvaluationEvent},
 };
 
@@ -27,11 +27,24 @@ pub struct FoundInRun {
     pub name: String,
     /// What was seen, with figures, and what to do.
     pub sentence: String,
+    /// Environment steps before.
+    pub step: u64,
+    /// It held no more at the end of the run.
+    pub is_over: bool,
 }
 
-impl From<&Finding> for FoundInRun {
-    fn from(finding: &Finding) -> Self {
-        Self { name: finding.name().into(), sentence: finding.to_string() }
+impl From<&Found> for FoundInRun {
+    fn from(Found { finding, step, is_over }: &Found) -> Self {
+        let (name, sentence) = (finding.name().into(), finding.to_string());
+        Self { name, sentence, step: *step, is_over: *is_over }
+    }
+}
+
+impl FoundInRun {
+    /// When it was found, and whether it still held at the end of the run.
+    pub fn when(&self) -> String {
+        let end = if self.is_over { "no longer so at the end" } else { "still so at the end" };
+        format!("after {} steps; {end}", self.step)
     }
 }
 

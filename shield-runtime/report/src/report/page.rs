@@ -64,6 +64,7 @@ struct FindingRow<'a> {
     seeds: String,
     name: &'a str,
     sentence: &'a str,
+    when: String,
 }
 
 #[derive(Serialize)]
@@ -148,11 +149,15 @@ fn findings(variants: &[VariantRecord]) -> Vec<FindingRow<'_>> {
     for variant in variants {
         let first = rows.len();
         for run in &variant.runs {
-            for FoundInRun { name, sentence } in &run.summary.findings {
+            for found in &run.summary.findings {
+                let FoundInRun { name, sentence, .. } = found;
                 let seed = run.seed.to_string();
                 match rows[first..].iter_mut().find(|row| row.name == name) {
                     Some(row) => row.seeds += &format!(", {seed}"),
-                    None => rows.push(FindingRow { variant: &variant.name, seeds: seed, name, sentence }),
+                    None => {
+                        let (seeds, when) = (seed, found.when());
+                        rows.push(FindingRow { variant: &variant.name, seeds, name, sentence, when });
+                    }
                 }
             }
         }
