@@ -89,7 +89,7 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
                 return self._observation, {"shield": {"hard_reset": False, "steps": steps}}
         if shield.placed:
             # If the environment's own reset raises, another must follow.
-            shield.require_hard_reset()
+            shield.require_hard_reset(requested=True)
         observation, info = self.env.reset(seed=seed, options=options)
         info = {**info, "shield": {"hard_reset": True, "steps": steps}}
         shield.hard_reset_done(observation)
@@ -113,6 +113,10 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     def metrics(self) -> dict[str, float]:
         """Counts since the beginning, and the reset agent's figures."""
         return self.shield.metrics()
+
+    def findings(self) -> list[tuple[str, str]]:
+        """What keeps the shield from helping, as `Shield.findings`."""
+        return self.shield.findings()
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes everything that the shield has learned and counted into a file, as `Shield.save`."""
@@ -151,6 +155,8 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             return "call reset() before step()"
         if self.shield.hard_reset_due == "lost":
             return "the last step was interrupted, so that it is not known where the environment stands: call reset()"
+        if self.shield.hard_reset_due == "requested":
+            return "the last reset did not come to its end: call reset()"
         if self.shield.resetting:
             return "the last action was aborted: call reset(), which lets the reset agent undo what was done"
         return "the environment has ended, or the reset agent has given up: call reset()"
@@ -192,6 +198,16 @@ def without_time_limits(env: gymnasium.Env[Any, Any]) -> tuple[gymnasium.Env[Any
         else:
             outer = outer.env
     return env, min(limits, default=None)
+
+
+def time_limit(env: gymnasium.Env[Any, Any]) -> int | None:
+    """The shortest limit of the wrappers that end episodes by the clock; they stay."""
+    limits: list[int] = []
+    while isinstance(env, gymnasium.Wrapper):
+        if isinstance(env, gymnasium.wrappers.TimeLimit):
+            limits.append(steps_of(env))
+        env = env.env
+    return min(limits, default=None)
 
 
 def steps_of(limit: gymnasium.wrappers.TimeLimit[Any, Any]) -> int:
