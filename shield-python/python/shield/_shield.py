@@ -119,12 +119,12 @@ class Shield:
     The arguments; None leaves what the configuration says:
 
     - `reset_reward(observation)` is large, up to 1, where the environment is as at its start; `in_reset_set(observation)` says, as a bool, whether it is. One is
-      enough, and without either the reset task of the configuration decides: nearness to the observed starts.
+      enough, and without either the reset task of the configuration decides: likeness to the observed starts.
     - `config`: a RON file; without one, `usual_config(is_discrete)`.
     - `tensorboard`: a folder for an event file with counts and the reset agent's figures.
-    - `q_min`: the least value at which an action is executed, of the first rule, in the rule's terms; where the rule has a schedule, what it grows to. Usually
-      0.5, as a share of 1/(1 − γ), after 6,000 steps.
-    - `warm_up_steps`: in the first so many steps (1,000) no rule that needs learned values is asked.
+    - `accepted_risk`: the share of attempts to reset that may fail (0.2), of the first rule.
+    - `q_min`: the same for a first rule that compares reset values: the least at which an action is executed; where the rule has a schedule, what it grows to.
+    - `warm_up_steps`: in the first so many steps (1,000) no rule that needs reset values is asked; the usual one needs none.
     - `reset_attempts`: failures in a row (1) after which the reset agent gives up; "Unlimited" is never.
     - `episode_length`: steps (500) after which an episode of the reset agent has failed.
     - `updates_per_step`: how often the reset agent learns after each step; 0 is never.
