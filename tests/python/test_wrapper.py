@@ -367,3 +367,27 @@ def test_the_usual_configuration_rarely_aborts_after_the_warm_up():
             env.reset()
     metrics = env.metrics()
     assert metrics["early_aborts"] < 50 and metrics["forward_steps"] > 1_200, metrics
+
+
+def test_the_report_says_what_the_shield_did():
+    env = shielded(is_irreversible=lambda observation: abs(float(observation[0])) > 0.02)
+    env.reset()
+    for value in (0.25, 0.25, 0.25, 0.75):
+        env.step(act(value))
+    env.reset()
+    report = env.report()
+    counted = env.metrics()
+    assert (report["steps"], report["your_steps"]) == (counted["steps"], 3) and report["early_aborts"] == 1
+    assert report["attempts"] == 1 and report["attempts_succeeded"] + report["hard_resets"] == 1
+    assert report["realised_risk"] == 1 - report["attempts_succeeded"]
+    assert report["irreversible_entries"] == counted["irreversible_entries"] >= 1
+    for part in (f"{report['steps']} steps, 3 of them your agent's", "1 actions were not executed", "cannot be undone"):
+        assert part in str(report), str(report)
+
+
+def test_the_accepted_risk_is_that_of_the_usual_rule():
+    shielded(overrides={}, accepted_risk=0.3)
+    with pytest.raises(shield.ConfigError, match="accepted_risk=1.5"):
+        shielded(overrides={}, accepted_risk=1.5)
+    with pytest.raises(shield.ConfigError, match="no field `q_min`, only `accepted_risk`"):
+        shielded(overrides={}, q_min=0.5)
