@@ -66,10 +66,15 @@ fn the_rule_of_undo_probabilities_reports_its_threshold_and_the_realised_risk() 
         rule.observe_attempt(&ObservedAttempt { step: 2, succeeded: false }).unwrap();
         drained(&metrics)
     };
-    assert_eq!(figures(), [("threshold".to_string(), f64::from(0.8_f32))]);
-    let found = figures();
-    assert!((found[0].1 - 0.84).abs() < 1e-6, "{found:?}");
-    assert_eq!(found[1..], [("realised_risk".to_string(), 1.0)]);
+    let [before, after] = [figures(), figures()];
+    let expected = [("threshold", 0.84), ("accepted_risk", 0.2), ("realised_risk", 1.0)];
+    let is_near =
+        |found: &(String, f64), (name, value): (&str, f64)| found.0 == name && (found.1 - value).abs() < 1e-6;
+    assert!(is_near(&before[0], ("threshold", 0.8)) && before.len() == 2, "{before:?}");
+    assert!(
+        after.len() == 3 && after.iter().zip(expected).all(|(found, of)| is_near(found, of)),
+        "{after:?}"
+    );
 }
 
 #[test]
