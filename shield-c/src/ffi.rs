@@ -225,7 +225,7 @@ pub unsafe extern "C" fn shield_finding(shield: *mut Shield, index: usize) -> *c
     // SAFETY: the caller's promise.
     let Some(shield) = (unsafe { shield.as_mut() }) else { return c"".as_ptr() };
     match shield.drop_in.findings().nth(index) {
-        Some(finding) => shield.finding = errors::text(&finding.to_string()),
+        Some(finding) => shield.finding = errors::text(finding),
         None => errors::forget(&mut shield.finding),
     }
     shield.finding.as_ptr()

@@ -43,9 +43,12 @@ mod tests {
 
     fn run(variant: &str, seed: u64, findings: &[(&str, &str)]) -> Summary {
         let identity = Identity { experiment: "e".into(), variant: variant.into(), seed };
-        let findings = findings
-            .iter()
-            .map(|(name, sentence)| FoundInRun { name: (*name).into(), sentence: (*sentence).into() });
+        let findings = findings.iter().map(|(name, sentence)| FoundInRun {
+            name: (*name).into(),
+            sentence: (*sentence).into(),
+            step: 1_000,
+            is_over: seed == 1,
+        });
         Summary { findings: findings.collect(), ..Summary::new(&identity, &Counters::default()) }
     }
 
