@@ -183,7 +183,7 @@ fn attempts_and_the_risk_are_counted_on_exactly() {
     let expected = Run::uninterrupted(&experiment);
     let summary = String::from_utf8_lossy(&expected["summary.json"]);
     assert!(
-        summary.contains("\"accepted_risk\":0.05") && !summary.contains("\"brier_score\":null"),
+        summary.contains("\"accepted_risk\":0.2") && !summary.contains("\"brier_score\":null"),
         "{summary}"
     );
     for sabotage in [Sabotage::Stop(777), Sabotage::Crash(1_111)] {

@@ -8,7 +8,7 @@ use super::{Run, Sabotage, same};
 
 /// The gridworld with a memory that forgets, tables for undo probabilities, and a rule that rejects often at the start too.
 fn undoing_grid() -> String {
-    let learned = r#"rules: [(plugin: "undo-probability", config: (initial_threshold: 1.0, relative: false))],
+    let learned = r#"rules: [(plugin: "undo-probability", config: (accepted_risk: 0.05, initial_threshold: 1.0, relative: false))],
         success_critic: (plugin: "tabular-success"), on_abort: Penalise(0.5), shield_exploration: true,"#;
     with_shield(&gridworld(1_500, "checkpoint: (every: 400),"), learned)
         .replace("batch: 16", "batch: 16, capacity: 150, bootstrap_probability: 0.7, cost_weight: 0.1")
