@@ -67,7 +67,7 @@ fn the_rule_of_undo_probabilities_reports_its_threshold_and_the_realised_risk() 
         drained(&metrics)
     };
     let [before, after] = [figures(), figures()];
-    let expected = [("threshold", 0.84), ("accepted_risk", 0.2), ("realised_risk", 1.0)];
+    let expected = [("threshold", 0.84), ("realised_risk", 1.0), ("accepted_risk", 0.2)];
     let is_near =
         |found: &(String, f64), (name, value): (&str, f64)| found.0 == name && (found.1 - value).abs() < 1e-6;
     assert!(is_near(&before[0], ("threshold", 0.8)) && before.len() == 2, "{before:?}");
