@@ -7,6 +7,8 @@ import os
 from collections.abc import Callable, Mapping
 from typing import Any, TypedDict
 
+from ._core import ConfigError
+
 
 class Settings(TypedDict, total=False):
     """The keyword arguments of `Shield`, which explains each, and of `ShieldedEnv`. One that is None was not given."""
@@ -15,6 +17,7 @@ class Settings(TypedDict, total=False):
     in_reset_set: Callable[[Any], bool] | None
     config: str | os.PathLike[str] | None
     tensorboard: str | os.PathLike[str] | None
+    accepted_risk: float | None
     q_min: float | None
     warm_up_steps: int | None
     reset_attempts: int | str | None
@@ -36,8 +39,12 @@ PATHS = {
 }
 
 
-#: Where the schedule of Q_min stands.
+#: The plugin of the first rule, and where the schedule of its Q_min stands.
+FIRST_RULE = "shield.rules[0].plugin"
 SCHEDULE = "shield.rules[0].config.schedule"
+
+#: The rule that has an accepted risk, and what it accepts where nothing is said.
+UNDO_PROBABILITY, USUAL_RISK = "undo-probability", 0.05
 
 
 def refuse_unknown(settings: Settings) -> None:
@@ -56,8 +63,50 @@ def overrides(settings: Settings) -> list[tuple[str, str, str]]:
     return [(path, value, f"{name}={written!r}") for path, value, name, written in given]
 
 
+def overrides_of_first_rule(
+    settings: Settings, written_at: Callable[[str], str | None]
+) -> list[tuple[str, str, str]]:
+    """The same for `accepted_risk` and `q_min`, which are settings of the first rule. `written_at` gives the RON text at a path."""
+    accepted_risk, q_min = settings.get("accepted_risk"), settings.get("q_min")
+    if accepted_risk is None and q_min is None:
+        return []
+    plugin = (written_at(FIRST_RULE) or "").strip().strip('"')
+    first = f"the first rule is {plugin!r}" if plugin else "the first rule is composed of others"
+    sets = []
+    if accepted_risk is not None:
+        if plugin != UNDO_PROBABILITY:
+            remedy = f"q_min= is for a rule with a threshold of its own; {UNDO_PROBABILITY!r} is the rule with an accepted risk"
+            raise ConfigError(f"accepted_risk={accepted_risk!r}: {first}, which has none; {remedy}")
+        sets.append(("shield.rules[0].config.accepted_risk", f"Some({ron(accepted_risk)})", f"{accepted_risk=}"))
+    if q_min is not None:
+        if plugin == UNDO_PROBABILITY:
+            remedy = "give accepted_risk=, the share of attempts that may fail, or another rule in `config` or `overrides`"
+            raise ConfigError(f"q_min={q_min!r}: {first}, which compares probabilities and has no q_min; {remedy}")
+        sets.append(override_of_q_min(q_min, written_at(SCHEDULE)))
+    return sets
+
+
+def accepted_risk_of(written_at: Callable[[str], str | None]) -> tuple[float | None, float | None]:
+    """The accepted risk of the first rule, and its budget of hard resets per 1,000 steps; None where it has none."""
+
+    def number(field: str) -> float | None:
+        text = (written_at(f"shield.rules[0].config.{field}") or "None").strip()
+        text = text.removeprefix("Some(").removesuffix(")")
+        return None if text == "None" else float(text)
+
+    is_adapting = (written_at("shield.rules[0].config.adapt") or "true").strip() == "true"
+    if (written_at(FIRST_RULE) or "").strip().strip('"') != UNDO_PROBABILITY or not is_adapting:
+        return None, None
+    try:
+        accepted_risk, budget = number("accepted_risk"), number("hard_resets_per_1000")
+    except ValueError:
+        # Written in another way than this can read, such as with a comment in it.
+        return None, None
+    return (USUAL_RISK if accepted_risk is None and budget is None else accepted_risk), budget
+
+
 def override_of_q_min(q_min: float, schedule: str | None) -> tuple[str, str, str]:
-    """The same for `q_min`. Where Q_min has a schedule, as in the usual configuration, `q_min` is where it ends."""
+    """The same for `q_min`. Where Q_min has a schedule, `q_min` is where it ends."""
     has_schedule = schedule is not None and schedule != "Constant"
     field, value = ("final_q_min", f"Some({ron(q_min)})") if has_schedule else ("q_min", ron(q_min))
     return f"shield.rules[0].config.{field}", value, f"q_min={q_min!r}"

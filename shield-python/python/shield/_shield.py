@@ -11,7 +11,7 @@ import numpy as np
 from gymnasium import spaces
 
 from ._core import Core, written_at
-from ._settings import SCHEDULE, Settings, override_of_q_min, overrides, refuse_unknown
+from ._settings import Settings, accepted_risk_of, overrides, overrides_of_first_rule, refuse_unknown
 from ._spaces import Floats, Observations, actions
 
 if TYPE_CHECKING:
@@ -35,6 +35,8 @@ class Decision(NamedTuple):
     proposed: Any
     #: Mean of the reset ensemble's values of the proposed action; None if no rule needed them.
     reset_value: float | None
+    #: The probability that the proposed action can be undone, the mean of the success critic's members; None if no rule needed it.
+    undo_probability: float | None
     #: The id of the rule that rejected it; empty if none did.
     rule: str
     #: The class of the reason, such as `rejected` or `invalid_action`; empty if nothing was rejected.
@@ -60,9 +62,11 @@ class Shield:
       enough, and without either the reset task of the configuration decides: nearness to the observed starts.
     - `config`: a RON file; without one, `usual_config(is_discrete)`.
     - `tensorboard`: a folder for an event file with counts and the reset agent's figures.
-    - `q_min`: the least value at which an action is executed, of the first rule, in the rule's terms; where the rule has a schedule, what it grows to. Usually
-      0.5, as a share of 1/(1 − γ), after 6,000 steps.
-    - `warm_up_steps`: in the first so many steps (1,000) no rule that needs learned values is asked.
+    - `accepted_risk`: the share of attempts to reset that may fail (0.05), for the rule `undo-probability`, which must be the first. A smaller one makes
+      the shield stricter.
+    - `q_min`: the least value at which an action is executed, for a first rule that has one, such as `ensemble-threshold`, in the rule's terms; where it
+      has a schedule, what it grows to. The usual configuration has no such rule.
+    - `warm_up_steps`: in the first so many steps (1,000) a rule that needs the reset agent's values is not asked. The usual rule has no warm-up.
     - `reset_attempts`: failures in a row (1) after which the reset agent gives up; "Unlimited" is never.
     - `episode_length`: steps (500) after which an episode of the reset agent has failed.
     - `updates_per_step`: how often the reset agent learns after each step; 0 is never.
@@ -76,24 +80,29 @@ class Shield:
     ) -> None:
         refuse_unknown(settings)
         reset_reward, in_reset_set = settings.get("reset_reward"), settings.get("in_reset_set")
-        config, q_min = settings.get("config"), settings.get("q_min")
+        config = settings.get("config")
         for name, function in (("reset_reward", reset_reward), ("in_reset_set", in_reset_set)):
             if function is not None and not callable(function):
                 raise TypeError(f"{name} is {function!r}, not a function of an observation")
         self._reset_reward, self._in_reset_set = reset_reward, in_reset_set
-        self._is_told = reset_reward is not None or in_reset_set is not None
+        #: Whether functions say what "reset" means, and no reset task.
+        self.is_told = reset_reward is not None or in_reset_set is not None
         self._observations, self._actions = Observations(observation_space), actions(action_space)
         low, high = self._observations.low.tolist(), self._observations.high.tolist()
 
         sets = overrides(settings)
-        if self._is_told:
+        if self.is_told:
             sets.insert(0, ("reset_task", "None", "reset_reward and in_reset_set"))
-        if q_min is not None:
-            # Last, for an override may have put another rule there.
-            is_discrete = isinstance(action_space, spaces.Discrete)
-            sets.append(override_of_q_min(q_min, written_at(config, is_discrete, sets, SCHEDULE)))
+
+        def written(path: str) -> str | None:
+            return written_at(config, isinstance(action_space, spaces.Discrete), sets, path)
+
+        # Last, for an override may have put another rule there.
+        sets += overrides_of_first_rule(settings, written)
         self._core = Core((low, high), self._actions.form, config, sets, _PLUGINS, settings.get("tensorboard"))
-        if not self._is_told and not self._core.has_reset_task:
+        #: The share of attempts that may fail, and how many hard resets per 1,000 steps, as the first rule accepts them; None where it does not.
+        self.accepted_risk, self.accepted_hard_resets_per_1000 = accepted_risk_of(written)
+        if not self.is_told and not self._core.has_reset_task:
             raise ValueError(
                 'nothing says what "reset" means: give reset_reward or in_reset_set, or name a `reset_task` in the'
                 " configuration"
@@ -109,7 +118,7 @@ class Shield:
     def decide(self, action: Any) -> Decision:
         """As `filter`, at the observation that was reported last."""
         proposed = self._actions.read(action, self._buffer)
-        verdict, reset_value, rule, cause, reason = self._core.filter(self._seen, self._buffer)
+        verdict, reset_value, undo_probability, rule, cause, reason = self._core.filter(self._seen, self._buffer)
         if cause == "invalid_action":
             reason = self._actions.explained(reason, action)
         is_unchanged = verdict == "allow" or verdict == "warm_up"
@@ -118,6 +127,7 @@ class Shield:
             proposed if is_unchanged else self._actions.write(self._buffer),
             action,
             None if math.isnan(reset_value) else reset_value,
+            None if math.isnan(undo_probability) else undo_probability,
             self._core.rules[rule] if rule >= 0 else "",
             cause,
             reason,
@@ -129,14 +139,21 @@ class Shield:
         self._core.filter(self._seen, self._buffer)
         return self._actions.write(self._buffer)
 
-    def observe(self, observation: Any, *, terminated: bool = False) -> None:
-        """`decision.action` was executed and led here. `terminated`: the environment cannot go on, a hard reset is needed.
+    def observe_start(self, observation: Any) -> None:
+        """Shows the reset task one more start, from which nothing follows: for a simulator that can be reset a few times before the first step."""
+        seen = self._observations.empty()
+        self._observations.write(observation, seen)
+        self._core.observe_start(seen)
+
+    def observe(self, observation: Any, *, terminated: bool = False, irreversible: bool = False) -> None:
+        """`decision.action` was executed and led here. `terminated`: the environment cannot go on, a hard reset is needed. `irreversible`: nobody can
+        get back from here; entries into such states are counted (`irreversible_entries`), and nothing else follows.
 
         If it raises, a hard reset is needed as well: what was executed is not in the experience.
         """
         try:
             self._observations.write(observation, self._seen)
-            self._core.observe(self._seen, self._signal(observation), terminated)
+            self._core.observe(self._seen, self._signal(observation), terminated, irreversible)
         except BaseException:
             self.require_hard_reset()
             raise
@@ -150,7 +167,7 @@ class Shield:
         self._core.hard_reset_done(self._seen)
 
     def _signal(self, observation: Any) -> tuple[float, bool] | None:
-        if not self._is_told:
+        if not self.is_told:
             return None
         if self._reset_reward is None:
             is_reset = self._is_reset(observation)
@@ -170,15 +187,7 @@ class Shield:
 
     def _is_reset(self, observation: Any) -> bool:
         assert self._in_reset_set is not None
-        answer = self._in_reset_set(observation)
-        try:
-            # Of numpy or torch.
-            bare = answer.item()
-        except (AttributeError, RuntimeError, ValueError):
-            bare = answer
-        if not isinstance(bare, bool):
-            raise TypeError(f"in_reset_set gave {answer!r}, not a bool")
-        return bare
+        return told("in_reset_set", self._in_reset_set(observation))
 
     def begin_reset(self) -> bool:
         """Hands over to the reset agent although nothing was aborted: the task is done. Returns whether it is in charge."""
@@ -219,6 +228,11 @@ class Shield:
         """Whether the reset agent has given up, or the environment has ended."""
         return self._core.needs_hard_reset
 
+    @property
+    def irreversible_entries(self) -> int:
+        """How often `observe` was told of an irreversible state after one that was not."""
+        return self._core.irreversible_entries
+
     def metrics(self) -> dict[str, float]:
         """Counts since the beginning, and the reset agent's figures as means over its present or last episode."""
         return self._core.metrics()
@@ -232,3 +246,15 @@ class Shield:
         """Goes on from a file of a shield with the same spaces, reset agent, rules and reset task, whatever the rules' settings and the capacity of the
         experience (of more transitions than there is room for, the newest stay); a hard reset is needed then, also if it raises."""
         self._core.load(path)
+
+
+def told(name: str, answer: Any) -> bool:
+    """The answer of a function of the user's that gives a bool. Raises TypeError if it is none."""
+    try:
+        # Of numpy or torch.
+        bare = answer.item()
+    except (AttributeError, RuntimeError, ValueError):
+        bare = answer
+    if not isinstance(bare, bool):
+        raise TypeError(f"{name} gave {answer!r}, not a bool")
+    return bare
