@@ -52,8 +52,9 @@ enum Actions {
 /// Path, RON value, and what the user had written.
 type Set = (String, String, String);
 
-/// What was decided: verdict, the reset ensemble's mean value, the rule's number (−1: none), cause and reason.
-type Verdict<'a> = (&'static str, f32, i64, String, String);
+/// What was decided: verdict, the means of the reset ensemble's values and of the undo probabilities, the rule's number (−1: none), cause and
+/// reason.
+type Verdict<'a> = (&'static str, f32, f32, i64, String, String);
 
 struct Inside {
     drop_in: DropIn,
@@ -180,16 +181,25 @@ impl Core {
         Ok(verdict(&inside.drop_in, decision.map_err(failed)?))
     }
 
-    /// What was executed led to this observation. Returns how many findings there are. `signal`: reset reward and whether it is in the reset set, if there is no reset task.
+    /// What was executed led to this observation. Returns how many findings there are. `signal`: reset reward and whether it is in the reset set, if there
+    /// is no reset task. `irreversible`: nothing follows but a count.
     fn observe(
         &self,
         py: Python<'_>,
         observation: PyReadonlyArray1<'_, f32>,
         signal: Option<(f32, bool)>,
         terminated: bool,
+        irreversible: bool,
     ) -> PyResult<usize> {
         let signal = signal.map(|(reward, in_reset_set)| ResetSignal { reward, in_reset_set });
-        self.seen(py, &observation, |drop_in, seen| drop_in.observe(seen, signal, terminated))
+        self.seen(py, &observation, |drop_in, seen| {
+            drop_in.observe_and_count(seen, signal, terminated, irreversible)
+        })
+    }
+
+    /// Shows the reset task one more start; nothing else follows.
+    fn observe_start(&self, py: Python<'_>, observation: PyReadonlyArray1<'_, f32>) -> PyResult<usize> {
+        self.seen(py, &observation, DropIn::observe_start)
     }
 
     /// Everything is at its start, where this is observed. `is_inside`: whether it counts as reset, if there is no reset task.
@@ -256,6 +266,12 @@ impl Core {
         self.look(py, DropIn::is_placed)
     }
 
+    /// Steps after which irreversible states were entered, as far as `observe` was told.
+    #[getter]
+    fn irreversible_entries(&self, py: Python<'_>) -> PyResult<u64> {
+        self.look(py, |drop_in| drop_in.counters().irreversible_entries)
+    }
+
     fn metrics<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let metrics = PyDict::new(py);
         let mut taken = Ok(());
@@ -302,11 +318,12 @@ fn verdict(drop_in: &DropIn, decision: Decision) -> Verdict<'static> {
         Decision::Resetting => "resetting",
     };
     let rejection = decision.abort().or(decision.projection().map(|projection| projection.rejection));
+    let (value, probability) = (drop_in.reset_value(), drop_in.undo_probability());
     let Some(rejection) = rejection else {
-        return (name, drop_in.reset_value(), -1, String::new(), String::new());
+        return (name, value, probability, -1, String::new(), String::new());
     };
     let rule = rejection.rule.and_then(|rule| i64::try_from(rule).ok()).unwrap_or(-1);
-    (name, drop_in.reset_value(), rule, rejection.cause.to_string(), drop_in.reason().to_owned())
+    (name, value, probability, rule, rejection.cause.to_string(), drop_in.reason().to_owned())
 }
 
 fn usual(is_discrete: bool) -> Defaults {

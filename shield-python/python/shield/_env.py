@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import itertools
+import numbers
 import os
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, SupportsFloat
@@ -11,9 +12,10 @@ from typing import TYPE_CHECKING, Any, SupportsFloat
 import gymnasium
 from gymnasium.utils import RecordConstructorArgs
 
-from ._report import Report, report
+from ._core import ConfigError
+from ._report import figures_of, text_of
 from ._settings import Settings
-from ._shield import Decision, Shield
+from ._shield import Decision, Shield, told
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -28,12 +30,16 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 
     `TimeLimit`s inside are taken out; the wrapper counts in their place, and begins anew with each reset.
 
-    `info["shield"]` of a step has the keys `verdict`, `proposed`, `executed`, `reset_value`, `rule`, `cause` and `reason`, as in `Decision`; of an aborted
-    step `executed` is NaN, or for a Discrete action space one less than its first action. `info["shield"]` of a reset has `hard_reset` and `steps`, those of the
+    `info["shield"]` of a step has the keys `verdict`, `proposed`, `executed`, `reset_value`, `undo_probability`, `rule`, `cause` and `reason`, as in
+    `Decision`; of an aborted step `executed` is NaN, or for a Discrete action space one less than its first action. `info["shield"]` of a reset has `hard_reset` and `steps`, those of the
     reset agent.
 
-    `is_irreversible(observation)` says whether something happened that cannot be undone, such as a fall. It changes nothing; `metrics` and `report` count how
-    often it begins to be so, in the steps of both agents.
+    Three arguments are its own:
+
+    - `abort_reward`: the reward of a step that was aborted.
+    - `calibration_resets`: before the first step the environment is reset so many more times, so that the reset task sees how far its starts scatter. In a simulator 20
+      are cheap; on a robot each is a hard reset by a person. They are not counted.
+    - `is_irreversible(observation)` says, as a bool, whether nobody can get back from there. It changes nothing; entries into such states are counted, whoever acted.
 
     The other arguments are those of `Shield`, where each is explained; `episode_length` is the time limit of the environment if it has one and there is no
     `config`.
@@ -47,11 +53,15 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         config: str | os.PathLike[str] | None = None,
         *,
         abort_reward: float = 0.0,
+        calibration_resets: int = 0,
         is_irreversible: Callable[[Any], bool] | None = None,
         **settings: Unpack[Settings],
     ) -> None:
         settings |= {"reset_reward": reset_reward, "in_reset_set": in_reset_set, "config": config}
-        RecordConstructorArgs.__init__(self, _disable_deepcopy=True, abort_reward=abort_reward, is_irreversible=is_irreversible, **settings)
+        own = {"calibration_resets": calibration_resets, "is_irreversible": is_irreversible}
+        RecordConstructorArgs.__init__(self, _disable_deepcopy=True, abort_reward=abort_reward, **own, **settings)
+        if is_irreversible is not None and not callable(is_irreversible):
+            raise TypeError(f"is_irreversible is {is_irreversible!r}, not a function of an observation")
         env, self._limit = without_time_limits(env)
         gymnasium.Wrapper.__init__(self, env)
         if settings.get("episode_length") is None and config is None and self._limit is not None:
@@ -61,8 +71,15 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         self.shield = Shield(env.observation_space, env.action_space, **settings)
         self._observation: Any = None
         self._is_irreversible = is_irreversible
-        self._was_irreversible = False
-        self._irreversible_entries = 0
+        self._calibration_resets = self._checked_calibration_resets(calibration_resets)
+
+    def _checked_calibration_resets(self, number: int) -> int:
+        if isinstance(number, bool) or not isinstance(number, numbers.Integral) or number < 0:
+            raise ConfigError(f"calibration_resets={number!r}: it is a whole number, 0 or more")
+        if number and self.shield.is_told:
+            remedy = "leave it out: reset_reward and in_reset_set already say what \"reset\" means"
+            raise ConfigError(f"calibration_resets={number!r}: there is no reset task that would learn from them; {remedy}")
+        return int(number)
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
         """Executes the action, as proposed or altered, if the shield allows it; `info["shield"]` says what it decided.
@@ -94,13 +111,14 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             steps = self._undo()
             if not shield.needs_hard_reset:
                 return self._observation, {"shield": {"hard_reset": False, "steps": steps}}
+        self._calibrate(seed, options)
         if shield.placed:
             # If the environment's own reset raises, another must follow.
             shield.require_hard_reset(requested=True)
         observation, info = self.env.reset(seed=seed, options=options)
         info = {**info, "shield": {"hard_reset": True, "steps": steps}}
         shield.hard_reset_done(observation)
-        self._observation, self._was_irreversible = observation, False
+        self._observation = observation
         return observation, info
 
     def run(self, policy: Callable[[Any], Any], steps: int, *, seed: int | None = None) -> list[float]:
@@ -119,12 +137,20 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 
     def metrics(self) -> dict[str, float]:
         """Counts since the beginning, and the reset agent's figures; with `is_irreversible` also `irreversible_entries`."""
-        entries = {} if self._is_irreversible is None else {"irreversible_entries": float(self._irreversible_entries)}
-        return {**self.shield.metrics(), **entries}
+        counted = self.shield.metrics()
+        if self._is_irreversible is not None:
+            counted["irreversible_entries"] = float(self.shield.irreversible_entries)
+        return counted
 
-    def report(self) -> Report:
-        """Whether the shield helped so far: print it, or look its figures up by name."""
-        return report(self.shield, None if self._is_irreversible is None else self._irreversible_entries)
+    def report(self, *, as_dict: bool = False) -> str | dict[str, Any]:
+        """Says in a few lines what the shield has done so far, what it cost, and whether it helps.
+
+        `as_dict` gives the figures by name; those that are not known are None.
+        """
+        shield = self.shield
+        risk = shield.accepted_risk, shield.accepted_hard_resets_per_1000
+        figures = figures_of(self.metrics(), *risk, self._limit)
+        return figures if as_dict else text_of(figures)
 
     def findings(self) -> list[tuple[str, str]]:
         """What keeps the shield from helping, as `Shield.findings`."""
@@ -135,22 +161,27 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         self.shield.save(path)
 
     def load(self, path: str | os.PathLike[str]) -> None:
-        """Goes on from a file, as `Shield.load`. The next `reset` is the environment's own."""
+        """Goes on from a file, as `Shield.load`. The next `reset` is the environment's own; what `calibration_resets` were for is in the file."""
+        self._calibration_resets = 0
         self.shield.load(path)
+
+    def _calibrate(self, seed: int | None, options: dict[str, Any] | None) -> None:
+        """Before the first start, shows the reset task some others. The first start itself is that of its seed, with or without them."""
+        for number in range(self._calibration_resets):
+            start, _ = self.env.reset(seed=None if seed is None else seed + 1 + number, options=options)
+            self.shield.observe_start(start)
+        self._calibration_resets = 0
 
     def _execute(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
         try:
             observation, reward, terminated, truncated, info = self.env.step(action)
-            self.shield.observe(observation, terminated=bool(terminated))
+            irreversible = self._is_irreversible is not None and told("is_irreversible", self._is_irreversible(observation))
+            self.shield.observe(observation, terminated=bool(terminated), irreversible=irreversible)
             truncated, info = bool(truncated), dict(info)
             if truncated:
                 # It has ended its episode by itself, and does not promise to go on from here.
                 self.shield.require_hard_reset(has_ended=True)
             self._observation = observation
-            if self._is_irreversible is not None:
-                is_irreversible = bool(self._is_irreversible(observation))
-                self._irreversible_entries += is_irreversible and not self._was_irreversible
-                self._was_irreversible = is_irreversible
         except BaseException:
             # Where the environment stands is not known.
             self.shield.require_hard_reset()
@@ -184,6 +215,7 @@ def explained(decision: Decision, executed: Any) -> dict[str, Any]:
         "proposed": decision.proposed,
         "executed": executed,
         "reset_value": decision.reset_value,
+        "undo_probability": decision.undo_probability,
         "rule": decision.rule,
         "cause": decision.cause,
         "reason": decision.reason,

@@ -7,6 +7,8 @@ import os
 from collections.abc import Callable, Mapping
 from typing import Any, TypedDict
 
+from ._core import ConfigError
+
 
 class Settings(TypedDict, total=False):
     """The keyword arguments of `Shield`, which explains each, and of `ShieldedEnv`. One that is None was not given."""
@@ -28,7 +30,6 @@ class Settings(TypedDict, total=False):
 
 # Those that stand for a field of the configuration, and where it is.
 PATHS = {
-    "accepted_risk": "shield.rules[0].config.accepted_risk",
     "warm_up_steps": "shield.warm_up_steps",
     "reset_attempts": "shield.reset_attempts",
     "episode_length": "episode_length",
@@ -38,8 +39,12 @@ PATHS = {
 }
 
 
-#: Where the schedule of Q_min stands.
+#: The plugin of the first rule, and where the schedule of its Q_min stands.
+FIRST_RULE = "shield.rules[0].plugin"
 SCHEDULE = "shield.rules[0].config.schedule"
+
+#: The rule that has an accepted risk, and what it accepts where nothing is said.
+UNDO_PROBABILITY, USUAL_RISK = "undo-probability", 0.2
 
 
 def refuse_unknown(settings: Settings) -> None:
@@ -56,6 +61,48 @@ def overrides(settings: Settings) -> list[tuple[str, str, str]]:
     given = [(PATHS[name], ron(value), name, value) for name, value in named if value is not None]
     given += [(path, ron(value), f"overrides[{path!r}]", value) for path, value in further.items()]
     return [(path, value, f"{name}={written!r}") for path, value, name, written in given]
+
+
+def overrides_of_first_rule(
+    settings: Settings, written_at: Callable[[str], str | None]
+) -> list[tuple[str, str, str]]:
+    """The same for `accepted_risk` and `q_min`, which are settings of the first rule. `written_at` gives the RON text at a path."""
+    accepted_risk, q_min = settings.get("accepted_risk"), settings.get("q_min")
+    if accepted_risk is None and q_min is None:
+        return []
+    plugin = (written_at(FIRST_RULE) or "").strip().strip('"')
+    first = f"the first rule is {plugin!r}" if plugin else "the first rule is composed of others"
+    sets = []
+    if accepted_risk is not None:
+        if plugin != UNDO_PROBABILITY:
+            remedy = f"q_min= is for a rule with a threshold of its own; {UNDO_PROBABILITY!r} is the rule with an accepted risk"
+            raise ConfigError(f"accepted_risk={accepted_risk!r}: {first}, which has none; {remedy}")
+        sets.append(("shield.rules[0].config.accepted_risk", f"Some({ron(accepted_risk)})", f"{accepted_risk=}"))
+    if q_min is not None:
+        if plugin == UNDO_PROBABILITY:
+            remedy = "give accepted_risk=, the share of attempts that may fail, or another rule in `config` or `overrides`"
+            raise ConfigError(f"q_min={q_min!r}: {first}, which compares probabilities and has no q_min; {remedy}")
+        sets.append(override_of_q_min(q_min, written_at(SCHEDULE)))
+    return sets
+
+
+def accepted_risk_of(written_at: Callable[[str], str | None]) -> tuple[float | None, float | None]:
+    """The accepted risk of the first rule, and its budget of hard resets per 1,000 steps; None where it has none."""
+
+    def number(field: str) -> float | None:
+        text = (written_at(f"shield.rules[0].config.{field}") or "None").strip()
+        text = text.removeprefix("Some(").removesuffix(")")
+        return None if text == "None" else float(text)
+
+    is_adapting = (written_at("shield.rules[0].config.adapt") or "true").strip() == "true"
+    if (written_at(FIRST_RULE) or "").strip().strip('"') != UNDO_PROBABILITY or not is_adapting:
+        return None, None
+    try:
+        accepted_risk, budget = number("accepted_risk"), number("hard_resets_per_1000")
+    except ValueError:
+        # Written in another way than this can read, such as with a comment in it.
+        return None, None
+    return (USUAL_RISK if accepted_risk is None and budget is None else accepted_risk), budget
 
 
 def override_of_q_min(q_min: float, schedule: str | None) -> tuple[str, str, str]:

@@ -12,7 +12,7 @@ import numpy as np
 from gymnasium import spaces
 
 from ._core import Core, written_at
-from ._settings import SCHEDULE, Settings, override_of_q_min, overrides, refuse_unknown
+from ._settings import Settings, accepted_risk_of, overrides, overrides_of_first_rule, refuse_unknown
 from ._spaces import Floats, Observations, actions
 
 if TYPE_CHECKING:
@@ -36,6 +36,8 @@ class Decision(NamedTuple):
     proposed: Any
     #: Mean of the reset ensemble's values of the proposed action; None if no rule needed them.
     reset_value: float | None
+    #: The probability that the proposed action can be undone, the mean of the success critic's members; None if no rule needed it.
+    undo_probability: float | None
     #: The id of the rule that rejected it; empty if none did.
     rule: str
     #: The class of the reason, such as `rejected` or `invalid_action`; empty if nothing was rejected.
@@ -88,15 +90,19 @@ class Meaning:
 
     def _is_reset(self, observation: Any) -> bool:
         assert self._in_reset_set is not None
-        answer = self._in_reset_set(observation)
-        try:
-            # Of numpy or torch.
-            bare = answer.item()
-        except (AttributeError, RuntimeError, ValueError):
-            bare = answer
-        if not isinstance(bare, bool):
-            raise TypeError(f"in_reset_set gave {answer!r}, not a bool")
-        return bare
+        return told("in_reset_set", self._in_reset_set(observation))
+
+
+def told(name: str, answer: Any) -> bool:
+    """The answer of a function of the user's that gives a bool. Raises TypeError if it is none."""
+    try:
+        # Of numpy or torch.
+        bare = answer.item()
+    except (AttributeError, RuntimeError, ValueError):
+        bare = answer
+    if not isinstance(bare, bool):
+        raise TypeError(f"{name} gave {answer!r}, not a bool")
+    return bare
 
 
 class ShieldWarning(UserWarning):
@@ -122,9 +128,11 @@ class Shield:
       enough, and without either the reset task of the configuration decides: likeness to the observed starts.
     - `config`: a RON file; without one, `usual_config(is_discrete)`.
     - `tensorboard`: a folder for an event file with counts and the reset agent's figures.
-    - `accepted_risk`: the share of attempts to reset that may fail (0.2), of the first rule.
-    - `q_min`: the same for a first rule that compares reset values: the least at which an action is executed; where the rule has a schedule, what it grows to.
-    - `warm_up_steps`: in the first so many steps (1,000) no rule that needs reset values is asked; the usual one needs none.
+    - `accepted_risk`: the share of attempts to reset that may fail (0.2), for the rule `undo-probability`, which must be the first. A smaller one makes
+      the shield stricter.
+    - `q_min`: the least value at which an action is executed, for a first rule that has one, such as `ensemble-threshold`, in the rule's terms; where it
+      has a schedule, what it grows to. The usual configuration has no such rule.
+    - `warm_up_steps`: in the first so many steps (1,000) a rule that needs the reset agent's values is not asked. The usual rule has no warm-up.
     - `reset_attempts`: failures in a row (1) after which the reset agent gives up; "Unlimited" is never.
     - `episode_length`: steps (500) after which an episode of the reset agent has failed.
     - `updates_per_step`: how often the reset agent learns after each step; 0 is never.
@@ -137,20 +145,26 @@ class Shield:
         self, observation_space: spaces.Space[Any], action_space: spaces.Space[Any], **settings: Unpack[Settings]
     ) -> None:
         refuse_unknown(settings)
-        config, q_min = settings.get("config"), settings.get("q_min")
+        config = settings.get("config")
         self._meaning = Meaning(settings)
+        #: Whether functions say what "reset" means, and no reset task.
+        self.is_told = self._meaning.is_told
         self._observations, self._actions = Observations(observation_space), actions(action_space)
         low, high = self._observations.low.tolist(), self._observations.high.tolist()
 
         sets = overrides(settings)
-        if self._meaning.is_told:
+        if self.is_told:
             sets.insert(0, ("reset_task", "None", "reset_reward and in_reset_set"))
-        if q_min is not None:
-            # Last, for an override may have put another rule there.
-            is_discrete = isinstance(action_space, spaces.Discrete)
-            sets.append(override_of_q_min(q_min, written_at(config, is_discrete, sets, SCHEDULE)))
+
+        def written(path: str) -> str | None:
+            return written_at(config, isinstance(action_space, spaces.Discrete), sets, path)
+
+        # Last, for an override may have put another rule there.
+        sets += overrides_of_first_rule(settings, written)
         self._core = Core((low, high), self._actions.form, config, sets, PLUGINS, settings.get("tensorboard"))
-        if not self._meaning.is_told and not self._core.has_reset_task:
+        #: The share of attempts that may fail, and how many hard resets per 1,000 steps, as the first rule accepts them; None where it does not.
+        self.accepted_risk, self.accepted_hard_resets_per_1000 = accepted_risk_of(written)
+        if not self.is_told and not self._core.has_reset_task:
             raise ValueError(NO_MEANING)
         #: How many findings were told.
         self._told = 0
@@ -165,7 +179,7 @@ class Shield:
     def decide(self, action: Any) -> Decision:
         """As `filter`, at the observation that was reported last."""
         proposed = self._actions.read(action, self._buffer)
-        verdict, reset_value, rule, cause, reason = self._core.filter(self._seen, self._buffer)
+        verdict, reset_value, undo_probability, rule, cause, reason = self._core.filter(self._seen, self._buffer)
         if cause == "invalid_action":
             reason = self._actions.explained(reason, action)
         is_unchanged = verdict == "allow" or verdict == "warm_up"
@@ -174,6 +188,7 @@ class Shield:
             proposed if is_unchanged else self._actions.write(self._buffer),
             action,
             None if math.isnan(reset_value) else reset_value,
+            None if math.isnan(undo_probability) else undo_probability,
             self._core.rules[rule] if rule >= 0 else "",
             cause,
             reason,
@@ -185,14 +200,21 @@ class Shield:
         self._core.filter(self._seen, self._buffer)
         return self._actions.write(self._buffer)
 
-    def observe(self, observation: Any, *, terminated: bool = False) -> None:
-        """`decision.action` was executed and led here. `terminated`: the environment cannot go on, a hard reset is needed.
+    def observe_start(self, observation: Any) -> None:
+        """Shows the reset task one more start, from which nothing follows: for a simulator that can be reset a few times before the first step."""
+        seen = self._observations.empty()
+        self._observations.write(observation, seen)
+        self._core.observe_start(seen)
+
+    def observe(self, observation: Any, *, terminated: bool = False, irreversible: bool = False) -> None:
+        """`decision.action` was executed and led here. `terminated`: the environment cannot go on, a hard reset is needed. `irreversible`: nobody can
+        get back from here; entries into such states are counted (`irreversible_entries`), and nothing else follows.
 
         If it raises, a hard reset is needed as well: what was executed is not in the experience.
         """
         try:
             self._observations.write(observation, self._seen)
-            found = self._core.observe(self._seen, self._meaning.signal(observation), terminated)
+            found = self._core.observe(self._seen, self._meaning.signal(observation), terminated, irreversible)
         except BaseException:
             self.require_hard_reset()
             raise
@@ -257,6 +279,11 @@ class Shield:
     def needs_hard_reset(self) -> bool:
         """Whether the reset agent has given up, or the environment has ended."""
         return self._core.needs_hard_reset
+
+    @property
+    def irreversible_entries(self) -> int:
+        """How often `observe` was told of an irreversible state after one that was not."""
+        return self._core.irreversible_entries
 
     def metrics(self) -> dict[str, float]:
         """Counts since the beginning, and the reset agent's figures as means over its present or last episode."""

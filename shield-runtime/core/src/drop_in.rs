@@ -137,6 +137,17 @@ impl DropIn {
         self.metrics.episode_is_over(self.cycle.counters(), None)
     }
 
+    /// Shows the reset task one more start, from which nothing follows: nothing is counted, and where the environment stands stays as it was.
+    /// A simulator may be reset a few times at the beginning, so that the task knows how far the starts scatter.
+    ///
+    /// # Errors
+    /// The observation is invalid, or the reset task failed.
+    pub fn observe_start(&mut self, observation: &[f32]) -> Result<()> {
+        check_finite("the observation after a reset", observation, self.observation.len())?;
+        let Some(task) = &mut self.task else { return Ok(()) };
+        self.cycle.metrics().collect(|| task.observe_start(observation))
+    }
+
     /// Decides on `action`, which afterwards holds what may be executed: the proposed action, a projected one, or the reset agent's. The
     /// first observation of all is taken for a start.
     ///
@@ -201,10 +212,25 @@ impl DropIn {
         signal: Option<ResetSignal>,
         terminated: bool,
     ) -> Result<()> {
+        self.observe_and_count(next_observation, signal, terminated, false)
+    }
+
+    /// As [`observe`](Self::observe), where the caller knows irreversible states: entries into them are counted, and nothing else follows.
+    ///
+    /// # Errors
+    /// As for [`observe`](Self::observe).
+    pub fn observe_and_count(
+        &mut self,
+        next_observation: &[f32],
+        signal: Option<ResetSignal>,
+        terminated: bool,
+        irreversible: bool,
+    ) -> Result<()> {
         let outcome = self.signal(next_observation, signal).map(|signal| StepOutcome {
             reset_reward: signal.reward,
             in_reset_set: signal.in_reset_set,
             terminated,
+            irreversible,
             ..StepOutcome::default()
         });
         self.conclude(next_observation, outcome)
@@ -346,8 +372,12 @@ impl DropIn {
 
     /// Mean of the reset ensemble's values of the action that was proposed last; NaN if no rule needed them.
     pub fn reset_value(&self) -> f32 {
-        let values = &self.judgement().values;
-        values.iter().sum::<f32>() / values.len() as f32
+        mean(&self.judgement().values)
+    }
+
+    /// Mean of the success critic's estimates that the action that was proposed last can be undone; NaN if no rule needed them.
+    pub fn undo_probability(&self) -> f32 {
+        mean(&self.judgement().probabilities)
     }
 
     /// Counts and the learner's figures by name, in a stable order. A figure is the mean over the episode so far, or over the last one.
@@ -371,4 +401,8 @@ impl DropIn {
         take("hard_reset_cost", counters.hard_reset_cost);
         self.metrics.each(take);
     }
+}
+
+fn mean(numbers: &[f32]) -> f32 {
+    numbers.iter().sum::<f32>() / numbers.len() as f32
 }
