@@ -36,7 +36,7 @@ fn a_success_critic_and_its_attempts_continue_exactly_within_an_attempt_and_betw
     let within = steps_within_attempts(&expected);
     let mut sabotages: Vec<_> = within.iter().rev().step_by(3).take(5).map(|step| stop(*step)).collect();
     let attempts = sabotages.len();
-    sabotages.extend([1, 5, 40, 70].map(rejection));
+    sabotages.extend([1, 2, 3, 4, 5, 6, 8, 10, 40, 70].map(rejection));
     sabotages.extend([stop(1), stop(64), stop(400), stop(403), stop(1_499), crash(401), crash(1_111)]);
     let mut interrupted = [0, 0];
     for sabotage in sabotages {
