@@ -233,8 +233,8 @@ fn foreign_bytes_are_refused_and_change_nothing() {
     let mut not_a_number = before.clone();
     not_a_number[40..44].fill(0xff);
     let other_shape = saved(&create("members: 4, hidden: [20, 15]", 3, boxed(), 5).unwrap());
-    let normalised = saved(&critic("normalise_observations: true"));
-    for bad in [Vec::new(), b"something else".to_vec(), cut, too_long, not_a_number, other_shape, normalised]
+    let as_they_are = saved(&critic("normalise_observations: false"));
+    for bad in [Vec::new(), b"something else".to_vec(), cut, too_long, not_a_number, other_shape, as_they_are]
     {
         assert!(original.load(&bad).is_err(), "{} bytes", bad.len());
         assert_eq!(before, saved(&original));
@@ -268,7 +268,7 @@ fn every_configuration_field_changes_the_behaviour() {
         ("outcome_weight", "0.3"),
         ("tau", "0.5"),
         ("initial_probability", "0.5"),
-        ("normalise_observations", "true"),
+        ("normalise_observations", "false"),
     ];
     for field in SuccessCriticConfig::FIELDS {
         let tried = changes.iter().find(|(name, _)| *name == field.name);
@@ -312,7 +312,7 @@ fn impossible_settings_and_spaces_are_refused() {
 
 #[test]
 fn after_the_first_call_nothing_is_allocated() {
-    let mut critic = critic("normalise_observations: true");
+    let mut critic = critic("");
     let attempts = Attempts::random(1);
     let mut round = || {
         let (mut place, mut gradients) = ([0.0; MEMBERS], [0.0; 2 * MEMBERS]);

@@ -600,6 +600,7 @@ Experiment(
         bootstrap_probability: 1.0,
         on_reset_success: Bootstrap,
         on_reset_failure: Bootstrap,
+        abort_lifetime: None,
         failure_share: 0.25,
         success_share: 0.125,
         outcome_half_life: 15.0,
