@@ -361,3 +361,23 @@ fn an_unusable_configuration_is_refused_with_its_place() {
     let error = DropInFile::from_text("x.ron", &with(&format!("shield: ({RULES})")), &wrong).unwrap_err();
     assert!(error.to_string().starts_with("warm_up_steps=-7:"), "{error}");
 }
+
+#[test]
+fn what_keeps_the_shield_from_helping_is_found_once_and_kept() {
+    let mut drop_in = builder(Scripted::acting(|_, _| -1.0)).build().unwrap();
+    // Hard resets that nobody needed, at starts that the caller knows to be outside.
+    for _ in 0..20 {
+        drop_in.hard_reset_done_at(&[3.0], Some(false)).unwrap();
+        let mut cell = 3.0;
+        for _ in 0..100 {
+            step(&mut drop_in, &mut cell, 0.0);
+        }
+    }
+    let names = |drop_in: &DropIn| drop_in.findings().map(|finding| finding.name()).collect::<Vec<_>>();
+    assert_eq!(names(&drop_in), ["resets-requested", "starts-outside"]);
+    let state = drop_in.state().unwrap();
+    let mut other = builder(Scripted::acting(|_, _| -1.0)).build().unwrap();
+    assert_eq!(names(&other), [""; 0]);
+    assert!(other.restore(state).is_ok());
+    assert_eq!(names(&other), names(&drop_in));
+}

@@ -151,17 +151,22 @@ fn a_drop_in_goes_on_in_more_and_in_less_room() {
     }
 }
 
-/// The file as version 1.0 wrote it, whose state ended before what belongs to undo probabilities.
-fn as_in_1_0(file: &Path) {
-    let mut bytes = fs::read(file).unwrap();
-    // Neither critic nor attempts, nothing since the last reset, and no estimates at the start.
-    let undo = [0; 9];
-    assert!(bytes.ends_with(&undo));
-    bytes.truncate(bytes.len() - undo.len());
-    let (length, checksum) = ((bytes.len() - 24) as u64, crc32fast::hash(&bytes[24..]));
-    bytes[12..20].copy_from_slice(&length.to_le_bytes());
-    bytes[20..24].copy_from_slice(&checksum.to_le_bytes());
-    fs::write(file, bytes).unwrap();
+/// The file as version 1.0 wrote it, whose state ended before what belongs to undo probabilities: the shortest that is still a state.
+fn as_in_1_0(file: &Path, rules: &str) {
+    let whole = fs::read(file).unwrap();
+    let write = |left_out: usize| {
+        let mut bytes = whole[..whole.len() - left_out].to_vec();
+        let (length, checksum) = ((bytes.len() - 24) as u64, crc32fast::hash(&bytes[24..]));
+        bytes[12..20].copy_from_slice(&length.to_le_bytes());
+        bytes[20..24].copy_from_slice(&checksum.to_le_bytes());
+        fs::write(file, bytes).unwrap();
+    };
+    let is_state = |left_out: &usize| {
+        write(*left_out);
+        drop_in_files::load(&mut Cart::new(rules, 500).shield, file).is_ok()
+    };
+    let newer = (1..whole.len()).take_while(is_state).last().expect("something follows");
+    write(newer);
 }
 
 #[test]
@@ -173,7 +178,7 @@ fn a_file_of_version_1_0_is_gone_on_from() {
     saved.drive(1_000);
     saved.place(1);
     drop_in_files::save(&mut saved.shield, &file).unwrap();
-    as_in_1_0(&file);
+    as_in_1_0(&file, rules);
     go_on_alike(&mut saved, Cart::new(rules, 500), &file);
     // It has nothing for a success critic.
     let error = drop_in_files::load(&mut Cart::new(UNDOING, 500).shield, &file).unwrap_err().to_string();

@@ -27,9 +27,10 @@ fn create(settings: &str, observation_len: usize, action: Space, seed: u64) -> R
     CriticEnsemble::create(config, &Setup::with_spaces(seed, 1, Host::silent(), spaces))
 }
 
-/// A small critic with further settings.
+/// A small critic with further settings. It sees observations as they are, unless these say otherwise.
 fn critic(settings: &str) -> CriticEnsemble {
-    create(&format!("{SMALL}, {settings}"), 3, boxed(), 5).unwrap()
+    let plain = if settings.contains("normalise") { "" } else { "normalise_observations: false, " };
+    create(&format!("{SMALL}, {plain}{settings}"), 3, boxed(), 5).unwrap()
 }
 
 /// The columns of a batch.
@@ -232,9 +233,10 @@ fn foreign_bytes_are_refused_and_change_nothing() {
     let cut = before[..before.len() / 2].to_vec();
     let mut not_a_number = before.clone();
     not_a_number[40..44].fill(0xff);
-    let other_shape = saved(&create("members: 4, hidden: [20, 15]", 3, boxed(), 5).unwrap());
-    let as_they_are = saved(&critic("normalise_observations: false"));
-    for bad in [Vec::new(), b"something else".to_vec(), cut, too_long, not_a_number, other_shape, as_they_are]
+    let other_shape =
+        saved(&create("members: 4, hidden: [20, 15], normalise_observations: false", 3, boxed(), 5).unwrap());
+    let normalised = saved(&create("members: 3, hidden: [20, 15]", 3, boxed(), 5).unwrap());
+    for bad in [Vec::new(), b"something else".to_vec(), cut, too_long, not_a_number, other_shape, normalised]
     {
         assert!(original.load(&bad).is_err(), "{} bytes", bad.len());
         assert_eq!(before, saved(&original));
@@ -312,7 +314,7 @@ fn impossible_settings_and_spaces_are_refused() {
 
 #[test]
 fn after_the_first_call_nothing_is_allocated() {
-    let mut critic = critic("");
+    let mut critic = critic("normalise_observations: true");
     let attempts = Attempts::random(1);
     let mut round = || {
         let (mut place, mut gradients) = ([0.0; MEMBERS], [0.0; 2 * MEMBERS]);

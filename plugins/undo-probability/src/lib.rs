@@ -149,6 +149,9 @@ impl AbortRule for UndoProbability {
         if let Some(risk) = self.history.realised_risk() {
             self.host.metric("realised_risk", risk);
         }
+        if let Some(risk) = self.adaptation.as_ref().and_then(Adaptation::accepted_risk) {
+            self.host.metric("accepted_risk", risk);
+        }
         Ok(())
     }
 

@@ -75,6 +75,16 @@ pub fn initial_threshold(config: &Config) -> f32 {
     config.initial_threshold.unwrap_or(usual)
 }
 
+impl Adaptation {
+    /// The share of attempts that may fail; `None` where the user set a budget of steps.
+    pub fn accepted_risk(&self) -> Option<f64> {
+        match self.accepted {
+            Accepted::Share(share) => Some(share),
+            Accepted::PerStep(_) => None,
+        }
+    }
+}
+
 fn accepted(risk: Option<f32>, hard_resets_per_1000: Option<f32>) -> Result<Accepted> {
     let refuse = |field: &str, message: String| Err(Error::invalid_config(message).in_field(field));
     match (risk, hard_resets_per_1000) {

@@ -24,9 +24,7 @@ fn before_anything_was_learned_it_is_the_initial_probability_everywhere() {
 
 #[test]
 fn each_member_learns_the_target_of_its_own_target_network() {
-    let mut critic = critic(
-        "discount: 0.9, outcome_weight: 0.6, tau: 0.5, learning_rate: 1e-2, normalise_observations: false",
-    );
+    let mut critic = critic("discount: 0.9, outcome_weight: 0.6, tau: 0.5, learning_rate: 1e-2");
     train(&mut critic, 0..20);
     let attempts = Attempts::random(99);
     // Actions in [-2, 2] × [0, 1], scaled to [-1, 1].
@@ -162,13 +160,11 @@ fn probabilities_stay_between_0_and_1() {
 
 #[test]
 fn a_member_learns_only_what_its_mask_allows() {
-    // What observations are scaled by is the affair of all members.
-    let unscaled = "normalise_observations: false";
-    let mut critic = critic(unscaled);
+    let mut critic = critic("");
     train(&mut critic, 0..5);
     let before = saved(&critic);
     let after = |masked: bool| {
-        let mut critic = super::critic(unscaled);
+        let mut critic = super::critic("");
         critic.load(&before).unwrap();
         let mut attempts = Attempts::random(9);
         if masked {

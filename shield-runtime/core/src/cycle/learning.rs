@@ -26,6 +26,10 @@ impl ResetCycle {
         self.episode = self.episode.map(|_| tally);
         let is_forward = self.turn == AgentRole::Forward && !self.since_reset.stays;
         self.counters.forward_steps += u64::from(is_forward);
+        if self.is_shielded() {
+            let role = if is_forward { AgentRole::Forward } else { AgentRole::Reset };
+            self.diagnosis.step(role, outcome, &self.metrics);
+        }
         let has_failed =
             self.turn == AgentRole::Reset && self.is_last(&tally) && !self.passes_reset_test(&tally);
         self.store(next_observation, outcome, has_failed);

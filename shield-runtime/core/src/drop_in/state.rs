@@ -161,6 +161,7 @@ impl DropIn {
 
     fn take_over(&mut self, state: DropInState) -> Result<()> {
         let ShieldState { agent, rules, exploration_replaced, .. } = state.shield;
+        self.cycle.restore_diagnosis(&state.undo);
         let parts = self.cycle.parts_mut();
         parts.restore(&LearnedState { forward: None, reset: Some(agent), rules })?;
         parts.restore_undo(&state.undo)?;
