@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import os
 import pathlib
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -12,7 +13,7 @@ from gymnasium import spaces
 
 from ._core import Core, written_at
 from ._settings import SCHEDULE, Settings, override_of_q_min, overrides, refuse_unknown
-from ._spaces import Floats, Observations, actions
+from ._spaces import Boxed, Chosen, Floats, Observations, actions
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -48,6 +49,22 @@ class Decision(NamedTuple):
         return self.verdict in ("allow", "warm_up", "project")
 
 
+def flat_policy(
+    policy: Callable[[Any], Any], observations: Observations, space: Boxed | Chosen
+) -> Callable[[Floats], Floats]:
+    """A user's reset policy on vectors."""
+    buffer: Floats = np.zeros(space.length, np.float32)
+
+    def way_home(seen: Floats) -> Floats:
+        action = policy(observations.read(seen))
+        space.read(action, buffer, "the action of reset_policy")
+        if not space.has(buffer):
+            raise ValueError(f"reset_policy gave {action!r}, which is not in the action space {space.space}")
+        return buffer
+
+    return way_home
+
+
 class Shield:
     """Decides before every action whether it could be undone, and learns to undo.
 
@@ -58,6 +75,8 @@ class Shield:
 
     - `reset_reward(observation)` is large, up to 1, where the environment is as at its start; `in_reset_set(observation)` says, as a bool, whether it is. One is
       enough, and without either the reset task of the configuration decides: nearness to the observed starts.
+    - `reset_policy(observation)` gives the action that leads home, in the place of a reset agent that learns; the shield learns how far it does. It
+      is also asked about observations of the past, so it must not remember anything. Its observations are rounded to 32-bit floats.
     - `config`: a RON file; without one, `usual_config(is_discrete)`.
     - `tensorboard`: a folder for an event file with counts and the reset agent's figures.
     - `q_min`: the least value at which an action is executed, of the first rule, in the rule's terms; where the rule has a schedule, what it grows to. Usually
@@ -76,8 +95,9 @@ class Shield:
     ) -> None:
         refuse_unknown(settings)
         reset_reward, in_reset_set = settings.get("reset_reward"), settings.get("in_reset_set")
-        config, q_min = settings.get("config"), settings.get("q_min")
-        for name, function in (("reset_reward", reset_reward), ("in_reset_set", in_reset_set)):
+        config, q_min, reset_policy = settings.get("config"), settings.get("q_min"), settings.get("reset_policy")
+        functions = (("reset_reward", reset_reward), ("in_reset_set", in_reset_set), ("reset_policy", reset_policy))
+        for name, function in functions:
             if function is not None and not callable(function):
                 raise TypeError(f"{name} is {function!r}, not a function of an observation")
         self._reset_reward, self._in_reset_set = reset_reward, in_reset_set
@@ -88,11 +108,16 @@ class Shield:
         sets = overrides(settings)
         if self._is_told:
             sets.insert(0, ("reset_task", "None", "reset_reward and in_reset_set"))
+        if reset_policy is not None:
+            # It takes the place of whatever agent the configuration names.
+            sets.insert(0, ("reset", "None", "reset_policy"))
         if q_min is not None:
             # Last, for an override may have put another rule there.
             is_discrete = isinstance(action_space, spaces.Discrete)
             sets.append(override_of_q_min(q_min, written_at(config, is_discrete, sets, SCHEDULE)))
-        self._core = Core((low, high), self._actions.form, config, sets, _PLUGINS, settings.get("tensorboard"))
+        way_home = None if reset_policy is None else flat_policy(reset_policy, self._observations, self._actions)
+        tensorboard = settings.get("tensorboard")
+        self._core = Core((low, high), self._actions.form, config, sets, _PLUGINS, tensorboard, way_home)
         if not self._is_told and not self._core.has_reset_task:
             raise ValueError(
                 'nothing says what "reset" means: give reset_reward or in_reset_set, or name a `reset_task` in the'
