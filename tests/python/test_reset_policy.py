@@ -14,7 +14,9 @@ from worlds import BELOW_HALF, Table, near_start, table
 
 SPACES = (spaces.Box(-2, 2, (1,)), spaces.Box(-1, 1, (1,)))
 #: The usual rule asks what the way home would do.
-JUDGED = {"experience.batch": 8}
+JUDGED = {"experience.batch": 8, "shield.projection": "None"}
+#: A rule that does not.
+LIMITED = BELOW_HALF | {"shield.projection": "None"}
 
 
 def act(value):
@@ -39,7 +41,7 @@ class Broken(Exception):
 
 
 def test_a_reset_policy_leads_home_after_an_abort():
-    guard = shield.Shield(*SPACES, in_reset_set=near_start, reset_policy=way_home, overrides=BELOW_HALF)
+    guard = shield.Shield(*SPACES, in_reset_set=near_start, reset_policy=way_home, overrides=LIMITED)
     position, resetting = 0.0, []
     for step in range(300):
         decision = guard.filter(np.array([position]), act(0.75 if step == 9 else 0.5))
@@ -96,7 +98,7 @@ def test_a_reset_policy_that_fails_raises_and_lets_nothing_move(answer, words, a
     def sometimes(observation):
         return answer() if fails else way_home(observation)
 
-    overrides = JUDGED if asked == "to judge" else BELOW_HALF
+    overrides = JUDGED if asked == "to judge" else LIMITED
     env = shield.ShieldedEnv(table(), in_reset_set=near_start, reset_policy=sometimes, overrides=overrides)
     env.reset()
     for _ in range(6):
@@ -147,7 +149,7 @@ def test_an_interrupt_in_a_reset_policy_is_raised():
 @pytest.mark.parametrize("observed", ["box", "dict"])
 @pytest.mark.parametrize("chosen", [False, True])
 def test_a_reset_policy_sees_and_gives_what_the_spaces_say(observed, chosen):
-    env, seen = table(observed=observed, chosen=chosen), []
+    env, seen = table(8, observed=observed, chosen=chosen), []
 
     def position(observation):
         return (observation["position"] if observed == "dict" else observation)[0]
@@ -158,10 +160,10 @@ def test_a_reset_policy_sees_and_gives_what_the_spaces_say(observed, chosen):
         direction = -1 if position(observation) > 0 else 1
         return direction if chosen else np.array([0.5 * direction], np.float64)
 
-    overrides = JUDGED | {"shield.projection": "None"}
-    shielded = shield.ShieldedEnv(
-        env, in_reset_set=lambda seen: bool(abs(position(seen)) < 0.1), reset_policy=home, overrides=overrides
-    )
+    def is_home(observation):
+        return bool(abs(position(observation)) < 0.1)
+
+    shielded = shield.ShieldedEnv(env, in_reset_set=is_home, reset_policy=home, overrides=JUDGED)
     shielded.run(lambda _: 1 if chosen else act(0.5), 40)
     metrics = shielded.metrics()
     assert metrics["reset_successes"] >= 1 and metrics["failed_closed"] == 0 and metrics["steps"] > 40
@@ -234,5 +236,5 @@ def test_the_example_of_the_documentation_works():
     assert len(examples) == 1
     scope = {"YourEnv": lambda: gymnasium.wrappers.TimeLimit(Slope(), 20), "np": np}
     exec(examples[0], scope)
-    scope["env"].run(lambda _: act(0.6), 500)
+    scope["env"].run(lambda _: act(0.2), 200)
     assert scope["env"].metrics()["reset_successes"] > 3
