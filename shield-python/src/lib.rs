@@ -3,6 +3,7 @@
 //! Arrays are copied before anything is done with them, and the interpreter is let go while the shield decides and learns.
 #![forbid(unsafe_code)]
 
+mod doctor;
 mod reset_policy;
 
 use std::{
@@ -31,6 +32,9 @@ use shield_runtime::{
 use self::reset_policy::ResetPolicy;
 
 create_exception!(shield, ConfigError, PyValueError, "A setting that must be changed, with its place.");
+/// A finding: its name and its sentence.
+type Told = (&'static str, String);
+
 create_exception!(shield, ShieldError, PyRuntimeError, "The shield or a plugin of it failed.");
 
 fn config_error(error: InputError) -> PyErr {
@@ -108,6 +112,19 @@ fn read(config: Option<&Path>, usual: Defaults, sets: &[Set]) -> PyResult<DropIn
     config.map_or_else(|| usual.file(&sets), |path| DropInFile::read(path, &sets)).map_err(config_error)
 }
 
+fn spaces(observation: (Vec<f32>, Vec<f32>), action: Actions) -> PyResult<Spaces> {
+    let as_box = |(low, high)| Space::Box { low, high };
+    let action = match action {
+        Actions::Choices(n) => Space::Discrete { n },
+        Actions::Bounds(bounds) => as_box(bounds),
+    };
+    let spaces = Spaces { observation: as_box(observation), action };
+    for (name, space) in [("observation", &spaces.observation), ("action", &spaces.action)] {
+        space.validate(name).map_err(|error| ConfigError::new_err(error.message().to_owned()))?;
+    }
+    Ok(spaces)
+}
+
 /// Copies an array, whose length the package has seen to.
 fn copy(name: &str, array: &PyReadonlyArray1<'_, f32>, into: &mut [f32]) -> PyResult<()> {
     let array = array.as_slice()?;
@@ -137,15 +154,7 @@ impl Core {
         tensorboard: Option<PathBuf>,
         reset_policy: Option<Py<PyAny>>,
     ) -> PyResult<Self> {
-        let as_box = |(low, high)| Space::Box { low, high };
-        let action = match action {
-            Actions::Choices(n) => Space::Discrete { n },
-            Actions::Bounds(bounds) => as_box(bounds),
-        };
-        let spaces = Spaces { observation: as_box(observation), action };
-        for (name, space) in [("observation", &spaces.observation), ("action", &spaces.action)] {
-            space.validate(name).map_err(|error| ConfigError::new_err(error.message().to_owned()))?;
-        }
+        let spaces = spaces(observation, action)?;
         let reset_policy = reset_policy.map(ResetPolicy::new);
         py.detach(move || {
             let file = read(config.as_deref(), Defaults::of(&spaces.action), &sets)?;
@@ -189,21 +198,35 @@ impl Core {
         Ok(verdict(&inside.drop_in, decision.map_err(failed)?))
     }
 
-    /// What was executed led to this observation. `signal`: reset reward and whether it is in the reset set, if there is no reset task.
+    /// What was executed led to this observation. Returns how many findings there are. `signal`: reset reward and whether it is in the reset set, if there is no reset task.
     fn observe(
         &self,
         py: Python<'_>,
         observation: PyReadonlyArray1<'_, f32>,
         signal: Option<(f32, bool)>,
         terminated: bool,
-    ) -> PyResult<()> {
+    ) -> PyResult<usize> {
         let signal = signal.map(|(reward, in_reset_set)| ResetSignal { reward, in_reset_set });
         self.seen(py, &observation, |drop_in, seen| drop_in.observe(seen, signal, terminated))
     }
 
-    /// Everything is at its start, where this is observed.
-    fn hard_reset_done(&self, py: Python<'_>, observation: PyReadonlyArray1<'_, f32>) -> PyResult<()> {
-        self.seen(py, &observation, DropIn::hard_reset_done)
+    /// Everything is at its start, where this is observed. `is_inside`: whether it counts as reset, if there is no reset task.
+    #[pyo3(signature = (observation, is_inside))]
+    fn hard_reset_done(
+        &self,
+        py: Python<'_>,
+        observation: PyReadonlyArray1<'_, f32>,
+        is_inside: Option<bool>,
+    ) -> PyResult<usize> {
+        self.seen(py, &observation, |drop_in, seen| drop_in.hard_reset_done_at(seen, is_inside))
+    }
+
+    /// What keeps the shield from helping, as name and sentence, but for the first `told`.
+    fn findings(&self, py: Python<'_>, told: usize) -> PyResult<Vec<Told>> {
+        self.look(py, |drop_in| {
+            let new = drop_in.findings().skip(told);
+            new.map(|finding| (finding.name(), finding.to_string())).collect()
+        })
     }
 
     /// Hands over to the reset agent; returns whether it is in charge.
@@ -211,10 +234,17 @@ impl Core {
         self.with(py, |inside| inside.drop_in.begin_reset())
     }
 
-    /// `has_ended`: the environment does not go on from here; else where it stands is not known.
-    fn require_hard_reset(&self, py: Python<'_>, has_ended: bool) -> PyResult<()> {
-        let cause = if has_ended { HardResetDue::Terminated } else { HardResetDue::Lost };
-        self.with(py, |inside| inside.drop_in.require_hard_reset(cause))
+    /// `has_ended`: the environment does not go on from here. `is_requested`: the caller wants one, though none may be due. Else where the
+    /// environment stands is not known.
+    fn require_hard_reset(&self, py: Python<'_>, has_ended: bool, is_requested: bool) -> PyResult<()> {
+        self.with(py, |Inside { drop_in, .. }| {
+            let cause = match (has_ended, is_requested) {
+                (true, _) => HardResetDue::Terminated,
+                (false, true) => drop_in.hard_reset_due().unwrap_or(HardResetDue::Requested),
+                (false, false) => HardResetDue::Lost,
+            };
+            drop_in.require_hard_reset(cause);
+        })
     }
 
     #[getter]
@@ -276,13 +306,14 @@ impl Core {
         py: Python<'_>,
         observation: &PyReadonlyArray1<'_, f32>,
         body: impl FnOnce(&mut DropIn, &[f32]) -> shield_api::Result<()> + Send,
-    ) -> PyResult<()> {
+    ) -> PyResult<usize> {
         let mut inside = self.lock(py)?;
         let inside: &mut Inside = &mut inside;
         copy("the observation", observation, &mut inside.observation)?;
         let seen = py.detach(|| body(&mut inside.drop_in, &inside.observation));
         self.raise(inside)?;
-        seen.map_err(failed)
+        seen.map_err(failed)?;
+        Ok(inside.drop_in.findings().count())
     }
 
     /// What the user's reset policy raised reaches the user as it is. Nothing may move then before a hard reset.
@@ -336,6 +367,7 @@ fn written_at(
 #[pymodule]
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<Core>()?;
+    module.add_class::<doctor::Examination>()?;
     module.add_function(wrap_pyfunction!(usual_config, module)?)?;
     module.add_function(wrap_pyfunction!(written_at, module)?)?;
     module.add("ConfigError", module.py().get_type::<ConfigError>())?;

@@ -36,7 +36,7 @@ def test_the_checker_of_gymnasium_accepts_the_wrapped_environment(make):
 
 
 def test_a_registered_environment_can_be_made_again_from_its_spec():
-    env = shield.ShieldedEnv(gymnasium.make("CartPole-v1"), q_min=0.3)
+    env = shield.ShieldedEnv(gymnasium.make("CartPole-v1"), accepted_risk=0.3)
     again = env.spec.make()
     assert isinstance(again, shield.ShieldedEnv)
     again.reset(seed=1)
@@ -148,7 +148,8 @@ def test_a_step_before_any_reset_is_refused():
 
 @pytest.mark.parametrize("value", [1.5, math.nan, math.inf])
 def test_the_warm_up_aborts_an_invalid_action(value):
-    env = shielded(overrides={**BELOW_HALF, "shield.warm_up_steps": 100})
+    values = BELOW_HALF["shield.rules"][:-1] + ', (plugin: "ensemble-threshold", config: (q_min: 1e9))]'
+    env = shielded(overrides={**BELOW_HALF, "shield.rules": values, "shield.warm_up_steps": 100})
     env.reset()
     assert env.step(act(0.25))[4]["shield"]["verdict"] == "warm_up"
     said = env.step(act(value))[4]["shield"]
@@ -177,7 +178,7 @@ def test_a_limit_holds_from_the_first_step():
     ],
 )
 def test_the_executed_action_is_the_judged_one(space, action, executed):
-    guard = shield.Shield(spaces.Box(-1, 1, (1,)), space, in_reset_set=near_start, warm_up_steps=9)
+    guard = shield.Shield(spaces.Box(-1, 1, (1,)), space, in_reset_set=near_start)
     for given in ([action], np.array([action])):
         guard.hard_reset_done(np.zeros(1))
         decision = guard.filter(np.zeros(1), given)
@@ -185,7 +186,7 @@ def test_the_executed_action_is_the_judged_one(space, action, executed):
         if executed is None:
             assert (decision.verdict, decision.cause) == ("abort", "invalid_action") and "outside" in decision.reason
         else:
-            assert decision.verdict == "warm_up" and decision.action.tolist() == [executed]
+            assert decision.verdict == "allow" and decision.action.tolist() == [executed]
 
 
 def test_a_projected_action_is_the_one_that_is_executed():
@@ -366,3 +367,27 @@ def test_the_usual_configuration_rarely_aborts_after_the_warm_up():
             env.reset()
     metrics = env.metrics()
     assert metrics["early_aborts"] < 50 and metrics["forward_steps"] > 1_200, metrics
+
+
+def test_the_report_says_what_the_shield_did():
+    env = shielded(is_irreversible=lambda observation: abs(float(observation[0])) > 0.02)
+    env.reset()
+    for value in (0.25, 0.25, 0.25, 0.75):
+        env.step(act(value))
+    env.reset()
+    report = env.report()
+    counted = env.metrics()
+    assert (report["steps"], report["your_steps"]) == (counted["steps"], 3) and report["early_aborts"] == 1
+    assert report["attempts"] == 1 and report["attempts_succeeded"] + report["hard_resets"] == 1
+    assert report["realised_risk"] == 1 - report["attempts_succeeded"]
+    assert report["irreversible_entries"] == counted["irreversible_entries"] >= 1
+    for part in (f"{report['steps']} steps, 3 of them your agent's", "1 actions were not executed", "cannot be undone"):
+        assert part in str(report), str(report)
+
+
+def test_the_accepted_risk_is_that_of_the_usual_rule():
+    shielded(overrides={}, accepted_risk=0.3)
+    with pytest.raises(shield.ConfigError, match="accepted_risk=1.5"):
+        shielded(overrides={}, accepted_risk=1.5)
+    with pytest.raises(shield.ConfigError, match="no field `q_min`, only `accepted_risk`"):
+        shielded(overrides={}, q_min=0.5)

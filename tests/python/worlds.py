@@ -76,6 +76,6 @@ def table(limit=20, **arguments):
 #: Nothing is learned, for want of a batch, so that the reset agent tries this and that; an action above a half is rejected.
 BELOW_HALF = {
     "shield.rules": '[(plugin: "linear-constraints", config: (constraints: [(a: [1.0], b: 0.5)]))]',
-    "shield.warm_up_steps": 0,
+    "shield.projection": None,
     "experience.batch": 100_000,
 }

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, SupportsFloat
 import gymnasium
 from gymnasium.utils import RecordConstructorArgs
 
+from ._report import Report, report
 from ._settings import Settings
 from ._shield import Decision, Shield
 
@@ -23,14 +24,16 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 
     A step whose action is aborted is not executed: the observation is as before, the reward is `abort_reward`, `truncated` is True. The next `reset()` lets
     the reset agent undo what was done; the environment itself is reset only when that fails `reset_attempts` times in a row, when it has
-    terminated or truncated itself, or when `reset` is given a seed or options. In the first `warm_up_steps` only rules
-    that need nothing learned are asked.
+    terminated or truncated itself, or when `reset` is given a seed or options.
 
     `TimeLimit`s inside are taken out; the wrapper counts in their place, and begins anew with each reset.
 
     `info["shield"]` of a step has the keys `verdict`, `proposed`, `executed`, `reset_value`, `rule`, `cause` and `reason`, as in `Decision`; of an aborted
     step `executed` is NaN, or for a Discrete action space one less than its first action. `info["shield"]` of a reset has `hard_reset` and `steps`, those of the
     reset agent.
+
+    `is_irreversible(observation)` says whether something happened that cannot be undone, such as a fall. It changes nothing; `metrics` and `report` count how
+    often it begins to be so, in the steps of both agents.
 
     The other arguments are those of `Shield`, where each is explained; `episode_length` is the time limit of the environment if it has one and there is no
     `config`.
@@ -44,10 +47,11 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         config: str | os.PathLike[str] | None = None,
         *,
         abort_reward: float = 0.0,
+        is_irreversible: Callable[[Any], bool] | None = None,
         **settings: Unpack[Settings],
     ) -> None:
         settings |= {"reset_reward": reset_reward, "in_reset_set": in_reset_set, "config": config}
-        RecordConstructorArgs.__init__(self, _disable_deepcopy=True, abort_reward=abort_reward, **settings)
+        RecordConstructorArgs.__init__(self, _disable_deepcopy=True, abort_reward=abort_reward, is_irreversible=is_irreversible, **settings)
         env, self._limit = without_time_limits(env)
         gymnasium.Wrapper.__init__(self, env)
         if settings.get("episode_length") is None and config is None and self._limit is not None:
@@ -56,6 +60,9 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         #: The shield itself.
         self.shield = Shield(env.observation_space, env.action_space, **settings)
         self._observation: Any = None
+        self._is_irreversible = is_irreversible
+        self._was_irreversible = False
+        self._irreversible_entries = 0
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
         """Executes the action, as proposed or altered, if the shield allows it; `info["shield"]` says what it decided.
@@ -68,9 +75,9 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             raise gymnasium.error.ResetNeeded(self._why_not())
         decision = shield.decide(action)
         if not decision.allowed:
-            return self._observation, self.abort_reward, False, True, {"shield": report(decision, shield.no_action)}
+            return self._observation, self.abort_reward, False, True, {"shield": explained(decision, shield.no_action)}
         observation, reward, terminated, truncated, info = self._execute(decision.action)
-        info["shield"] = report(decision, decision.action)
+        info["shield"] = explained(decision, decision.action)
         is_over = self._limit is not None and shield.episode_length >= self._limit
         return observation, reward, terminated, truncated or is_over, info
 
@@ -89,11 +96,11 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
                 return self._observation, {"shield": {"hard_reset": False, "steps": steps}}
         if shield.placed:
             # If the environment's own reset raises, another must follow.
-            shield.require_hard_reset()
+            shield.require_hard_reset(requested=True)
         observation, info = self.env.reset(seed=seed, options=options)
         info = {**info, "shield": {"hard_reset": True, "steps": steps}}
         shield.hard_reset_done(observation)
-        self._observation = observation
+        self._observation, self._was_irreversible = observation, False
         return observation, info
 
     def run(self, policy: Callable[[Any], Any], steps: int, *, seed: int | None = None) -> list[float]:
@@ -111,8 +118,17 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         return returns
 
     def metrics(self) -> dict[str, float]:
-        """Counts since the beginning, and the reset agent's figures."""
-        return self.shield.metrics()
+        """Counts since the beginning, and the reset agent's figures; with `is_irreversible` also `irreversible_entries`."""
+        entries = {} if self._is_irreversible is None else {"irreversible_entries": float(self._irreversible_entries)}
+        return {**self.shield.metrics(), **entries}
+
+    def report(self) -> Report:
+        """Whether the shield helped so far: print it, or look its figures up by name."""
+        return report(self.shield, None if self._is_irreversible is None else self._irreversible_entries)
+
+    def findings(self) -> list[tuple[str, str]]:
+        """What keeps the shield from helping, as `Shield.findings`."""
+        return self.shield.findings()
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes everything that the shield has learned and counted into a file, as `Shield.save`."""
@@ -131,6 +147,10 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
                 # It has ended its episode by itself, and does not promise to go on from here.
                 self.shield.require_hard_reset(has_ended=True)
             self._observation = observation
+            if self._is_irreversible is not None:
+                is_irreversible = bool(self._is_irreversible(observation))
+                self._irreversible_entries += is_irreversible and not self._was_irreversible
+                self._was_irreversible = is_irreversible
         except BaseException:
             # Where the environment stands is not known.
             self.shield.require_hard_reset()
@@ -151,12 +171,14 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             return "call reset() before step()"
         if self.shield.hard_reset_due == "lost":
             return "the last step was interrupted, so that it is not known where the environment stands: call reset()"
+        if self.shield.hard_reset_due == "requested":
+            return "the last reset did not come to its end: call reset()"
         if self.shield.resetting:
             return "the last action was aborted: call reset(), which lets the reset agent undo what was done"
         return "the environment has ended, or the reset agent has given up: call reset()"
 
 
-def report(decision: Decision, executed: Any) -> dict[str, Any]:
+def explained(decision: Decision, executed: Any) -> dict[str, Any]:
     return {
         "verdict": decision.verdict,
         "proposed": decision.proposed,
@@ -192,6 +214,16 @@ def without_time_limits(env: gymnasium.Env[Any, Any]) -> tuple[gymnasium.Env[Any
         else:
             outer = outer.env
     return env, min(limits, default=None)
+
+
+def time_limit(env: gymnasium.Env[Any, Any]) -> int | None:
+    """The shortest limit of the wrappers that end episodes by the clock; they stay."""
+    limits: list[int] = []
+    while isinstance(env, gymnasium.Wrapper):
+        if isinstance(env, gymnasium.wrappers.TimeLimit):
+            limits.append(steps_of(env))
+        env = env.env
+    return min(limits, default=None)
 
 
 def steps_of(limit: gymnasium.wrappers.TimeLimit[Any, Any]) -> int:

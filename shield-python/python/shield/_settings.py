@@ -16,6 +16,7 @@ class Settings(TypedDict, total=False):
     reset_policy: Callable[[Any], Any] | None
     config: str | os.PathLike[str] | None
     tensorboard: str | os.PathLike[str] | None
+    accepted_risk: float | None
     q_min: float | None
     warm_up_steps: int | None
     reset_attempts: int | str | None
@@ -28,6 +29,7 @@ class Settings(TypedDict, total=False):
 
 # Those that stand for a field of the configuration, and where it is.
 PATHS = {
+    "accepted_risk": "shield.rules[0].config.accepted_risk",
     "warm_up_steps": "shield.warm_up_steps",
     "reset_attempts": "shield.reset_attempts",
     "episode_length": "episode_length",
@@ -58,7 +60,7 @@ def overrides(settings: Settings) -> list[tuple[str, str, str]]:
 
 
 def override_of_q_min(q_min: float, schedule: str | None) -> tuple[str, str, str]:
-    """The same for `q_min`. Where Q_min has a schedule, as in the usual configuration, `q_min` is where it ends."""
+    """The same for `q_min`. Where Q_min has a schedule, `q_min` is where it ends."""
     has_schedule = schedule is not None and schedule != "Constant"
     field, value = ("final_q_min", f"Some({ron(q_min)})") if has_schedule else ("q_min", ron(q_min))
     return f"shield.rules[0].config.{field}", value, f"q_min={q_min!r}"

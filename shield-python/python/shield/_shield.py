@@ -5,15 +5,16 @@ from __future__ import annotations
 import math
 import os
 import pathlib
-from collections.abc import Callable
+import warnings
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
 
 from ._core import Core, written_at
+from ._reset_policy import flat_policy
 from ._settings import SCHEDULE, Settings, override_of_q_min, overrides, refuse_unknown
-from ._spaces import Boxed, Chosen, Floats, Observations, actions
+from ._spaces import Floats, Observations, actions
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 #: With a reset reward alone, a state that is worth more than this is in the reset set (the paper, appendix C).
 RESET_SET_ABOVE = 0.7
 
-_PLUGINS = pathlib.Path(__file__).parent / "plugins"
+PLUGINS = pathlib.Path(__file__).parent / "plugins"
 
 
 class Decision(NamedTuple):
@@ -49,20 +50,63 @@ class Decision(NamedTuple):
         return self.verdict in ("allow", "warm_up", "project")
 
 
-def flat_policy(
-    policy: Callable[[Any], Any], observations: Observations, space: Boxed | Chosen
-) -> Callable[[Floats], Floats]:
-    """A user's reset policy on vectors."""
-    buffer: Floats = np.zeros(space.length, np.float32)
+NO_MEANING = (
+    'nothing says what "reset" means: give reset_reward or in_reset_set, or name a `reset_task` in the configuration'
+)
 
-    def way_home(seen: Floats) -> Floats:
-        action = policy(observations.read(seen))
-        space.read(action, buffer, "the action of reset_policy")
-        if not space.has(buffer):
-            raise ValueError(f"reset_policy gave {action!r}, which is not in the action space {space.space}")
-        return buffer
 
-    return way_home
+class Meaning:
+    """What "reset" means, as functions of an observation say it."""
+
+    def __init__(self, settings: Settings) -> None:
+        reset_reward, in_reset_set = settings.get("reset_reward"), settings.get("in_reset_set")
+        for name, function in (("reset_reward", reset_reward), ("in_reset_set", in_reset_set)):
+            if function is not None and not callable(function):
+                raise TypeError(f"{name} is {function!r}, not a function of an observation")
+        self._reset_reward, self._in_reset_set = reset_reward, in_reset_set
+        #: Whether there is such a function.
+        self.is_told = reset_reward is not None or in_reset_set is not None
+
+    def signal(self, observation: Any) -> tuple[float, bool] | None:
+        """Reset reward, and whether it counts as reset; None where a reset task says so."""
+        if not self.is_told:
+            return None
+        if self._reset_reward is None:
+            is_reset = self._is_reset(observation)
+            return float(is_reset), is_reset
+        reward = self._reset_reward(observation)
+        try:
+            # Unlike `float`, it reads no text.
+            is_finite = math.isfinite(reward)
+        except (TypeError, ValueError) as error:
+            raise TypeError(f"reset_reward gave {reward!r}, not a number") from error
+        if not is_finite:
+            raise ValueError(f"reset_reward gave {reward}, which is not finite")
+        reward = float(reward)
+        if self._in_reset_set is None:
+            return reward, reward > RESET_SET_ABOVE
+        return reward, self._is_reset(observation)
+
+    def _is_reset(self, observation: Any) -> bool:
+        assert self._in_reset_set is not None
+        answer = self._in_reset_set(observation)
+        try:
+            # Of numpy or torch.
+            bare = answer.item()
+        except (AttributeError, RuntimeError, ValueError):
+            bare = answer
+        if not isinstance(bare, bool):
+            raise TypeError(f"in_reset_set gave {answer!r}, not a bool")
+        return bare
+
+
+class ShieldWarning(UserWarning):
+    """Something keeps the shield from helping; the text says what was seen and what to do."""
+
+    def __init__(self, message: str, name: str = "") -> None:
+        super().__init__(message)
+        #: The name of the finding, such as `starts-outside`.
+        self.name = name
 
 
 class Shield:
@@ -71,17 +115,19 @@ class Shield:
     Each step: `filter` the proposed action, execute `decision.action`, `observe` where it led. After an abort the reset agent is in charge (`resetting`),
     and `filter` gives its actions, until its episode is over. Where `needs_hard_reset`, nothing may move before `hard_reset_done`.
 
+    What keeps the shield from helping is told once each, as a `ShieldWarning`.
+
     The arguments; None leaves what the configuration says:
 
     - `reset_reward(observation)` is large, up to 1, where the environment is as at its start; `in_reset_set(observation)` says, as a bool, whether it is. One is
-      enough, and without either the reset task of the configuration decides: nearness to the observed starts.
+      enough, and without either the reset task of the configuration decides: likeness to the observed starts.
     - `reset_policy(observation)` gives the action that leads home, in the place of a reset agent that learns; the shield learns how far it does. It
       is also asked about observations of the past, so it must not remember anything. Its observations are rounded to 32-bit floats.
     - `config`: a RON file; without one, `usual_config(is_discrete)`.
     - `tensorboard`: a folder for an event file with counts and the reset agent's figures.
-    - `q_min`: the least value at which an action is executed, of the first rule, in the rule's terms; where the rule has a schedule, what it grows to. Usually
-      0.5, as a share of 1/(1 − γ), after 6,000 steps.
-    - `warm_up_steps`: in the first so many steps (1,000) no rule that needs learned values is asked.
+    - `accepted_risk`: the share of attempts to reset that may fail (0.2), of the first rule.
+    - `q_min`: the same for a first rule that compares reset values: the least at which an action is executed; where the rule has a schedule, what it grows to.
+    - `warm_up_steps`: in the first so many steps (1,000) no rule that needs reset values is asked; the usual one needs none.
     - `reset_attempts`: failures in a row (1) after which the reset agent gives up; "Unlimited" is never.
     - `episode_length`: steps (500) after which an episode of the reset agent has failed.
     - `updates_per_step`: how often the reset agent learns after each step; 0 is never.
@@ -94,35 +140,28 @@ class Shield:
         self, observation_space: spaces.Space[Any], action_space: spaces.Space[Any], **settings: Unpack[Settings]
     ) -> None:
         refuse_unknown(settings)
-        reset_reward, in_reset_set = settings.get("reset_reward"), settings.get("in_reset_set")
-        config, q_min, reset_policy = settings.get("config"), settings.get("q_min"), settings.get("reset_policy")
-        functions = (("reset_reward", reset_reward), ("in_reset_set", in_reset_set), ("reset_policy", reset_policy))
-        for name, function in functions:
-            if function is not None and not callable(function):
-                raise TypeError(f"{name} is {function!r}, not a function of an observation")
-        self._reset_reward, self._in_reset_set = reset_reward, in_reset_set
-        self._is_told = reset_reward is not None or in_reset_set is not None
+        config, q_min = settings.get("config"), settings.get("q_min")
+        self._meaning = Meaning(settings)
         self._observations, self._actions = Observations(observation_space), actions(action_space)
         low, high = self._observations.low.tolist(), self._observations.high.tolist()
 
         sets = overrides(settings)
-        if self._is_told:
+        if self._meaning.is_told:
             sets.insert(0, ("reset_task", "None", "reset_reward and in_reset_set"))
-        if reset_policy is not None:
+        way_home = flat_policy(settings.get("reset_policy"), self._observations, self._actions)
+        if way_home is not None:
             # It takes the place of whatever agent the configuration names.
             sets.insert(0, ("reset", "None", "reset_policy"))
         if q_min is not None:
             # Last, for an override may have put another rule there.
             is_discrete = isinstance(action_space, spaces.Discrete)
             sets.append(override_of_q_min(q_min, written_at(config, is_discrete, sets, SCHEDULE)))
-        way_home = None if reset_policy is None else flat_policy(reset_policy, self._observations, self._actions)
         tensorboard = settings.get("tensorboard")
-        self._core = Core((low, high), self._actions.form, config, sets, _PLUGINS, tensorboard, way_home)
-        if not self._is_told and not self._core.has_reset_task:
-            raise ValueError(
-                'nothing says what "reset" means: give reset_reward or in_reset_set, or name a `reset_task` in the'
-                " configuration"
-            )
+        self._core = Core((low, high), self._actions.form, config, sets, PLUGINS, tensorboard, way_home)
+        if not self._meaning.is_told and not self._core.has_reset_task:
+            raise ValueError(NO_MEANING)
+        #: How many findings were told.
+        self._told = 0
         self._seen: Floats = self._observations.empty()
         self._buffer: Floats = np.zeros(self._actions.length, np.float32)
 
@@ -161,57 +200,40 @@ class Shield:
         """
         try:
             self._observations.write(observation, self._seen)
-            self._core.observe(self._seen, self._signal(observation), terminated)
+            found = self._core.observe(self._seen, self._meaning.signal(observation), terminated)
         except BaseException:
             self.require_hard_reset()
             raise
+        if found > self._told:
+            self._tell()
 
     def hard_reset_done(self, observation: Any) -> None:
         """Everything is at its start, by a person's or the environment's doing. If it raises, a hard reset is still needed."""
-        self.require_hard_reset()
+        self.require_hard_reset(requested=True)
         self._observations.write(observation, self._seen)
         # What says what "reset" means fails here rather than after an action.
-        self._signal(observation)
-        self._core.hard_reset_done(self._seen)
+        signal = self._meaning.signal(observation)
+        if self._core.hard_reset_done(self._seen, signal and signal[1]) > self._told:
+            self._tell()
 
-    def _signal(self, observation: Any) -> tuple[float, bool] | None:
-        if not self._is_told:
-            return None
-        if self._reset_reward is None:
-            is_reset = self._is_reset(observation)
-            return float(is_reset), is_reset
-        reward = self._reset_reward(observation)
-        try:
-            # Unlike `float`, it reads no text.
-            is_finite = math.isfinite(reward)
-        except (TypeError, ValueError) as error:
-            raise TypeError(f"reset_reward gave {reward!r}, not a number") from error
-        if not is_finite:
-            raise ValueError(f"reset_reward gave {reward}, which is not finite")
-        reward = float(reward)
-        if self._in_reset_set is None:
-            return reward, reward > RESET_SET_ABOVE
-        return reward, self._is_reset(observation)
+    def _tell(self) -> None:
+        """Warns of what was found since the last time."""
+        new = self._core.findings(self._told)
+        self._told += len(new)
+        for name, text in new:
+            warnings.warn(ShieldWarning(f"{text} [{name}]", name), stacklevel=3)
 
-    def _is_reset(self, observation: Any) -> bool:
-        assert self._in_reset_set is not None
-        answer = self._in_reset_set(observation)
-        try:
-            # Of numpy or torch.
-            bare = answer.item()
-        except (AttributeError, RuntimeError, ValueError):
-            bare = answer
-        if not isinstance(bare, bool):
-            raise TypeError(f"in_reset_set gave {answer!r}, not a bool")
-        return bare
+    def findings(self) -> list[tuple[str, str]]:
+        """What keeps the shield from helping, as far as it was found: name and sentence, the earliest first. Each was a `ShieldWarning`, too."""
+        return self._core.findings(0)
 
     def begin_reset(self) -> bool:
         """Hands over to the reset agent although nothing was aborted: the task is done. Returns whether it is in charge."""
         return self._core.begin_reset()
 
-    def require_hard_reset(self, *, has_ended: bool = False) -> None:
-        """Nothing may move before `hard_reset_done`: the environment has ended, or where it stands is not known."""
-        self._core.require_hard_reset(has_ended)
+    def require_hard_reset(self, *, has_ended: bool = False, requested: bool = False) -> None:
+        """Nothing may move before `hard_reset_done`: the environment has ended, somebody wants a hard reset, or where it stands is not known."""
+        self._core.require_hard_reset(has_ended, requested)
 
     @property
     def placed(self) -> bool:
@@ -225,8 +247,8 @@ class Shield:
 
     @property
     def hard_reset_due(self) -> str:
-        """Why a hard reset is needed: `cycle_over` (the reset agent has given up), `terminated`, or `lost` (where the environment stands is not
-        known); empty if none is."""
+        """Why a hard reset is needed: `cycle_over` (the reset agent has given up), `terminated`, `requested` (by the caller), or `lost` (where the
+        environment stands is not known); empty if none is."""
         return self._core.hard_reset_due
 
     @property
@@ -257,3 +279,4 @@ class Shield:
         """Goes on from a file of a shield with the same spaces, reset agent, rules and reset task, whatever the rules' settings and the capacity of the
         experience (of more transitions than there is room for, the newest stay); a hard reset is needed then, also if it raises."""
         self._core.load(path)
+        self._told = len(self._core.findings(0))
