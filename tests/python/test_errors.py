@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import shield
 from gymnasium import spaces
-from worlds import BELOW_HALF, Table, near_start, table
+from worlds import BELOW_HALF, BY_VALUES, Table, near_start, table
 
 
 def act(value):
@@ -126,7 +126,7 @@ class Once:
 )
 def test_an_unknown_outcome_requires_a_hard_reset_before_any_action(seen, in_reset_set, error):
     guard = shield.Shield(spaces.Box(-9, 9, (1,)), spaces.Box(-1, 1, (1,)), in_reset_set=in_reset_set)
-    assert guard.filter([0.0], act(0.1)).verdict == "warm_up"
+    assert guard.filter([0.0], act(0.1)).allowed
     with pytest.raises(error):
         guard.observe(seen)
     assert guard.needs_hard_reset and not guard.resetting
@@ -285,7 +285,12 @@ def test_an_action_space_that_cannot_be_shielded_is_refused(space, says):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ({"q_min": "high"}, "q_min='high'"),
+        ({"q_min": "high", "overrides": BY_VALUES}, "q_min='high'"),
+        ({"q_min": 5}, "give accepted_risk="),
+        ({"accepted_risk": "high"}, "accepted_risk='high'"),
+        ({"accepted_risk": 1.5}, "accepted_risk"),
+        ({"calibration_resets": -1}, "calibration_resets=-1"),
+        ({"calibration_resets": 2, "in_reset_set": near_start}, "calibration_resets=2.*leave it out"),
         ({"warm_up_steps": -1}, "warm_up_steps=-1"),
         ({"episode_length": 0}, "at least one step"),
         ({"reset_attempts": 0}, "1 failed attempt or more"),
@@ -306,7 +311,7 @@ def test_a_wrong_setting_is_refused_by_name(arguments, says):
 def test_a_fault_in_a_file_is_refused_with_its_place(tmp_path):
     text = shield.usual_config(False)
     path = tmp_path / "shield.ron"
-    path.write_text(text.replace("critics: 5", "critics: 5, actor_hiden: [4]"))
+    path.write_text(text.replace("critics: 1", "critics: 1, actor_hiden: [4]"))
     with pytest.raises(shield.ConfigError) as raised:
         shield.ShieldedEnv(table(), config=path)
     line = next(number for number, line in enumerate(path.read_text().splitlines(), 1) if "actor_hiden" in line)

@@ -9,7 +9,7 @@ import shield
 from gymnasium import spaces
 from gymnasium.utils.env_checker import check_env
 from shield._settings import Settings
-from worlds import BELOW_HALF, Ending, Table, near_start, table
+from worlds import BELOW_HALF, BY_VALUES, Ending, Table, near_start, table
 
 
 def act(value):
@@ -36,7 +36,7 @@ def test_the_checker_of_gymnasium_accepts_the_wrapped_environment(make):
 
 
 def test_a_registered_environment_can_be_made_again_from_its_spec():
-    env = shield.ShieldedEnv(gymnasium.make("CartPole-v1"), q_min=0.3)
+    env = shield.ShieldedEnv(gymnasium.make("CartPole-v1"), accepted_risk=0.3)
     again = env.spec.make()
     assert isinstance(again, shield.ShieldedEnv)
     again.reset(seed=1)
@@ -57,7 +57,9 @@ def test_a_rejected_action_is_explained_and_not_executed():
     assert (said["verdict"], said["rule"], said["cause"]) == ("abort", "linear-constraints", "rejected")
     assert said["proposed"] is rejected and np.isnan(said["executed"]).all()
     assert said["reset_value"] is None and said["reason"]
-    assert set(said) == {"verdict", "proposed", "executed", "reset_value", "rule", "cause", "reason"}
+    assert said["undo_probability"] is None
+    keys = {"verdict", "proposed", "executed", "reset_value", "undo_probability", "rule", "cause", "reason"}
+    assert set(said) == keys
     with pytest.raises(gymnasium.error.ResetNeeded, match="aborted"):
         env.step(act(0.25))
     assert env.metrics()["early_aborts"] == 1
@@ -148,7 +150,7 @@ def test_a_step_before_any_reset_is_refused():
 
 @pytest.mark.parametrize("value", [1.5, math.nan, math.inf])
 def test_the_warm_up_aborts_an_invalid_action(value):
-    env = shielded(overrides={**BELOW_HALF, "shield.warm_up_steps": 100})
+    env = shielded(overrides={**BY_VALUES, "shield.warm_up_steps": 100})
     env.reset()
     assert env.step(act(0.25))[4]["shield"]["verdict"] == "warm_up"
     said = env.step(act(value))[4]["shield"]
@@ -157,7 +159,8 @@ def test_the_warm_up_aborts_an_invalid_action(value):
 
 
 def test_a_limit_holds_from_the_first_step():
-    env = shielded(overrides={**BELOW_HALF, "shield.warm_up_steps": 100})
+    rules = BELOW_HALF["shield.rules"][:-1] + ", " + BY_VALUES["shield.rules"][1:]
+    env = shielded(overrides={**BELOW_HALF, "shield.rules": rules, "shield.warm_up_steps": 100})
     env.reset()
     said = env.step(act(0.75))[4]["shield"]
     assert (said["verdict"], said["cause"]) == ("abort", "rejected")
@@ -177,7 +180,7 @@ def test_a_limit_holds_from_the_first_step():
     ],
 )
 def test_the_executed_action_is_the_judged_one(space, action, executed):
-    guard = shield.Shield(spaces.Box(-1, 1, (1,)), space, in_reset_set=near_start, warm_up_steps=9)
+    guard = shield.Shield(spaces.Box(-1, 1, (1,)), space, in_reset_set=near_start)
     for given in ([action], np.array([action])):
         guard.hard_reset_done(np.zeros(1))
         decision = guard.filter(np.zeros(1), given)
@@ -185,7 +188,7 @@ def test_the_executed_action_is_the_judged_one(space, action, executed):
         if executed is None:
             assert (decision.verdict, decision.cause) == ("abort", "invalid_action") and "outside" in decision.reason
         else:
-            assert decision.verdict == "warm_up" and decision.action.tolist() == [executed]
+            assert decision.verdict == "allow" and decision.action.tolist() == [executed]
 
 
 def test_a_projected_action_is_the_one_that_is_executed():
@@ -216,7 +219,7 @@ def test_an_unsigned_discrete_space_can_be_shielded():
             super().__init__(chosen=True)
             self.action_space = spaces.Discrete(3, dtype=np.uint8)
 
-    env = shielded(Few(), overrides={"shield.warm_up_steps": 9})
+    env = shielded(Few(), overrides=BY_VALUES)
     env.reset()
     assert env.step(np.uint8(2))[4]["shield"]["executed"] == 2
     said = env.step(np.uint8(3))[4]["shield"]
@@ -265,7 +268,7 @@ def test_a_vector_of_environments_passes_the_report_on():
 
 
 def test_a_loaded_shield_keeps_what_was_learned_and_counted(tmp_path):
-    quick = {"reset.config.random_steps": 0, "experience.batch": 8, "shield.warm_up_steps": 10_000}
+    quick = {"reset.config.random_steps": 0, "experience.batch": 8}
     first = shielded(overrides=quick)
     first.run(lambda _: first.action_space.sample() * 0.1, 60, seed=0)
     assert first.metrics()["reset/critic_loss"] >= 0.0
@@ -286,7 +289,7 @@ def test_a_loaded_shield_keeps_what_was_learned_and_counted(tmp_path):
 
 
 def test_a_shield_with_another_capacity_takes_over_the_experience(tmp_path):
-    quick = {"reset.config.random_steps": 0, "experience.batch": 8, "shield.warm_up_steps": 10_000}
+    quick = {"reset.config.random_steps": 0, "experience.batch": 8}
 
     def remembering(capacity):
         return shielded(overrides=quick | {"experience.capacity": capacity})
@@ -347,7 +350,7 @@ def test_a_misspelt_argument_is_refused_with_the_name_that_was_meant():
 
 def test_the_same_seed_gives_the_same_run():
     def run():
-        env = shielded(overrides={"shield.warm_up_steps": 30, "reset.config.random_steps": 20, "experience.batch": 8})
+        env = shielded(overrides={"reset.config.random_steps": 20, "experience.batch": 8})
         env.action_space.seed(1)
         returns = env.run(lambda _: env.action_space.sample(), 150, seed=5)
         return returns, env.unwrapped.executed, env.metrics()
@@ -356,7 +359,7 @@ def test_the_same_seed_gives_the_same_run():
     assert pickle.dumps(first) == pickle.dumps(second)
 
 
-def test_the_usual_configuration_rarely_aborts_after_the_warm_up():
+def test_the_usual_configuration_rarely_aborts_what_can_be_undone():
     env = shield.ShieldedEnv(table(limit=50), in_reset_set=near_start, seed=0)
     random = np.random.default_rng(0)
     env.reset(seed=0)
