@@ -1,5 +1,5 @@
-//! A policy and a robot of one's own, with a shield in between. The robot is a cart on a table: whoever pushes it beyond the edge has to carry
-//! it back.
+//! A policy and a robot of one's own, with a shield in between. The robot is a cart on a table: once it is beyond the edge, a person has to
+//! carry it back.
 //!
 //! ```console
 //! $ cargo xtask build && SHIELD_PLUGIN_PATH=target/release cargo run --example wrap_policy

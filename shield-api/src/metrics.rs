@@ -76,6 +76,13 @@ impl Metrics {
         }
     }
 
+    /// The mean of a figure since it was last handed over, which stays to be handed over; `None` if it was not reported.
+    pub fn waiting(&self, name: &str) -> Option<f64> {
+        let figures = self.lock();
+        let metric = figures.iter().find(|metric| metric.count > 0 && metric.name == name)?;
+        Some(metric.sum / metric.count as f64)
+    }
+
     /// Every name, with what is waiting to be handed over.
     pub fn save(&self) -> Vec<Metric> {
         self.lock().clone()

@@ -139,6 +139,21 @@ float shield_reset_value(const Shield *shield);
 // `shield` is from `shield_open`.
 const char *shield_reason(const Shield *shield);
 
+// How many findings there are: what keeps the shield from helping, such as starts that do not count as reset. Each is found once, and none goes
+// away: tell a person of those beyond the ones that you know.
+//
+// # Safety
+// `shield` is from `shield_open`.
+size_t shield_findings(const Shield *shield);
+
+// A finding, counted from 0 in the order in which they were found, for a person: what was seen, with figures, and what to do. Empty if there are
+// not so many. Valid until the next call with this shield.
+//
+// # Safety
+// `shield` is from `shield_open`.
+const char *shield_finding(Shield *shield,
+                           size_t index);
+
 // Writes everything that was learned and counted into a file, in one step: a failure leaves the old file as it was. Only a regular file is replaced;
 // a folder, a device, a pipe or a symbolic link of that name is an error.
 //

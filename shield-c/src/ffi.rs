@@ -241,6 +241,33 @@ pub unsafe extern "C" fn shield_reason(shield: *const Shield) -> *const c_char {
     unsafe { shield.as_ref() }.map_or(c"".as_ptr(), |shield| shield.reason.as_ptr())
 }
 
+/// How many findings there are: what keeps the shield from helping, such as starts that do not count as reset. Each is found once, and none goes
+/// away: tell a person of those beyond the ones that you know.
+///
+/// # Safety
+/// `shield` is from `shield_open`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn shield_findings(shield: *const Shield) -> usize {
+    // SAFETY: the caller's promise.
+    unsafe { shield.as_ref() }.map_or(0, |shield| shield.drop_in.findings().count())
+}
+
+/// A finding, counted from 0 in the order in which they were found, for a person: what was seen, with figures, and what to do. Empty if there are
+/// not so many. Valid until the next call with this shield.
+///
+/// # Safety
+/// `shield` is from `shield_open`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn shield_finding(shield: *mut Shield, index: usize) -> *const c_char {
+    // SAFETY: the caller's promise.
+    let Some(shield) = (unsafe { shield.as_mut() }) else { return c"".as_ptr() };
+    match shield.drop_in.findings().nth(index) {
+        Some(finding) => shield.finding = errors::text(finding),
+        None => errors::forget(&mut shield.finding),
+    }
+    shield.finding.as_ptr()
+}
+
 /// Writes everything that was learned and counted into a file, in one step: a failure leaves the old file as it was. Only a regular file is replaced;
 /// a folder, a device, a pipe or a symbolic link of that name is an error.
 ///

@@ -21,6 +21,8 @@ use crate::errors;
 pub struct Shield {
     pub drop_in: DropIn,
     pub reason: CString,
+    /// The finding that was asked for last.
+    pub finding: CString,
     /// What a buffer holds after an error: the fallback action, also when the shield itself can no more be asked.
     rest: Vec<f32>,
     is_poisoned: bool,
@@ -42,7 +44,7 @@ pub fn open(
     };
     let drop_in = opened.map_err(|error| error.to_string())?;
     let rest = drop_in.fallback_action().to_vec();
-    Ok(Shield { drop_in, reason: CString::default(), rest, is_poisoned: false })
+    Ok(Shield { drop_in, reason: CString::default(), finding: CString::default(), rest, is_poisoned: false })
 }
 
 /// Runs `body`; an error or a panic in it is kept for `shield_last_error`.

@@ -3,6 +3,8 @@
 //! Arrays are copied before anything is done with them, and the interpreter is let go while the shield decides and learns.
 #![forbid(unsafe_code)]
 
+mod doctor;
+
 use std::{
     path::{Path, PathBuf},
     sync::{Mutex, MutexGuard},
@@ -27,6 +29,9 @@ use shield_runtime::{
 };
 
 create_exception!(shield, ConfigError, PyValueError, "A setting that must be changed, with its place.");
+/// A finding: its name and its sentence.
+type Told = (&'static str, String);
+
 create_exception!(shield, ShieldError, PyRuntimeError, "The shield or a plugin of it failed.");
 
 fn config_error(error: InputError) -> PyErr {
@@ -100,6 +105,19 @@ fn read(config: Option<&Path>, usual: Defaults, sets: &[Set]) -> PyResult<DropIn
     config.map_or_else(|| usual.file(&sets), |path| DropInFile::read(path, &sets)).map_err(config_error)
 }
 
+fn spaces(observation: (Vec<f32>, Vec<f32>), action: Actions) -> PyResult<Spaces> {
+    let as_box = |(low, high)| Space::Box { low, high };
+    let action = match action {
+        Actions::Choices(n) => Space::Discrete { n },
+        Actions::Bounds(bounds) => as_box(bounds),
+    };
+    let spaces = Spaces { observation: as_box(observation), action };
+    for (name, space) in [("observation", &spaces.observation), ("action", &spaces.action)] {
+        space.validate(name).map_err(|error| ConfigError::new_err(error.message().to_owned()))?;
+    }
+    Ok(spaces)
+}
+
 /// Copies an array, whose length the package has seen to.
 fn copy(name: &str, array: &PyReadonlyArray1<'_, f32>, into: &mut [f32]) -> PyResult<()> {
     let array = array.as_slice()?;
@@ -126,15 +144,7 @@ impl Core {
         plugins: PathBuf,
         tensorboard: Option<PathBuf>,
     ) -> PyResult<Self> {
-        let as_box = |(low, high)| Space::Box { low, high };
-        let action = match action {
-            Actions::Choices(n) => Space::Discrete { n },
-            Actions::Bounds(bounds) => as_box(bounds),
-        };
-        let spaces = Spaces { observation: as_box(observation), action };
-        for (name, space) in [("observation", &spaces.observation), ("action", &spaces.action)] {
-            space.validate(name).map_err(|error| ConfigError::new_err(error.message().to_owned()))?;
-        }
+        let spaces = spaces(observation, action)?;
         py.detach(move || {
             let file = read(config.as_deref(), Defaults::of(&spaces.action), &sets)?;
             let registry = Registry::scan(&SearchPath::beside(&plugins));
@@ -171,8 +181,8 @@ impl Core {
         Ok(verdict(&inside.drop_in, decision.map_err(failed)?))
     }
 
-    /// What was executed led to this observation. `signal`: reset reward and whether it is in the reset set, if there is no reset task.
-    /// `irreversible`: nothing follows but a count.
+    /// What was executed led to this observation. Returns how many findings there are. `signal`: reset reward and whether it is in the reset
+    /// set, if there is no reset task. `irreversible`: nothing follows but a count.
     fn observe(
         &self,
         py: Python<'_>,
@@ -180,7 +190,7 @@ impl Core {
         signal: Option<(f32, bool)>,
         terminated: bool,
         irreversible: bool,
-    ) -> PyResult<()> {
+    ) -> PyResult<usize> {
         let signal = signal.map(|(reward, in_reset_set)| ResetSignal { reward, in_reset_set });
         self.seen(py, &observation, |drop_in, seen| {
             drop_in.observe_and_count(seen, signal, terminated, irreversible)
@@ -189,12 +199,26 @@ impl Core {
 
     /// Shows the reset task one more start; nothing else follows.
     fn observe_start(&self, py: Python<'_>, observation: PyReadonlyArray1<'_, f32>) -> PyResult<()> {
-        self.seen(py, &observation, DropIn::observe_start)
+        self.seen(py, &observation, DropIn::observe_start).map(|_| ())
     }
 
-    /// Everything is at its start, where this is observed.
-    fn hard_reset_done(&self, py: Python<'_>, observation: PyReadonlyArray1<'_, f32>) -> PyResult<()> {
-        self.seen(py, &observation, DropIn::hard_reset_done)
+    /// Everything is at its start, where this is observed. `is_inside`: whether it counts as reset, if there is no reset task.
+    #[pyo3(signature = (observation, is_inside))]
+    fn hard_reset_done(
+        &self,
+        py: Python<'_>,
+        observation: PyReadonlyArray1<'_, f32>,
+        is_inside: Option<bool>,
+    ) -> PyResult<usize> {
+        self.seen(py, &observation, |drop_in, seen| drop_in.hard_reset_done_at(seen, is_inside))
+    }
+
+    /// What keeps the shield from helping, as name and sentence, but for the first `told`.
+    fn findings(&self, py: Python<'_>, told: usize) -> PyResult<Vec<Told>> {
+        self.look(py, |drop_in| {
+            let new = drop_in.findings().skip(told);
+            new.map(|finding| (finding.name(), finding.to_string())).collect()
+        })
     }
 
     /// Hands over to the reset agent; returns whether it is in charge.
@@ -202,10 +226,17 @@ impl Core {
         self.with(py, |inside| inside.drop_in.begin_reset())
     }
 
-    /// `has_ended`: the environment does not go on from here; else where it stands is not known.
-    fn require_hard_reset(&self, py: Python<'_>, has_ended: bool) -> PyResult<()> {
-        let cause = if has_ended { HardResetDue::Terminated } else { HardResetDue::Lost };
-        self.with(py, |inside| inside.drop_in.require_hard_reset(cause))
+    /// `has_ended`: the environment does not go on from here. `is_requested`: the caller wants one, though none may be due. Else where the
+    /// environment stands is not known.
+    fn require_hard_reset(&self, py: Python<'_>, has_ended: bool, is_requested: bool) -> PyResult<()> {
+        self.with(py, |Inside { drop_in, .. }| {
+            let cause = match (has_ended, is_requested) {
+                (true, _) => HardResetDue::Terminated,
+                (false, true) => drop_in.hard_reset_due().unwrap_or(HardResetDue::Requested),
+                (false, false) => HardResetDue::Lost,
+            };
+            drop_in.require_hard_reset(cause);
+        })
     }
 
     #[getter]
@@ -235,7 +266,7 @@ impl Core {
         self.look(py, DropIn::is_placed)
     }
 
-    /// Steps after which irreversible states were entered, as far as `observe` was told.
+    /// How often an irreversible state was entered, as far as `observe` was told.
     #[getter]
     fn irreversible_entries(&self, py: Python<'_>) -> PyResult<u64> {
         self.look(py, |drop_in| drop_in.counters().irreversible_entries)
@@ -269,11 +300,12 @@ impl Core {
         py: Python<'_>,
         observation: &PyReadonlyArray1<'_, f32>,
         body: impl FnOnce(&mut DropIn, &[f32]) -> shield_api::Result<()> + Send,
-    ) -> PyResult<()> {
+    ) -> PyResult<usize> {
         let mut inside = self.lock(py)?;
         let inside: &mut Inside = &mut inside;
         copy("the observation", observation, &mut inside.observation)?;
-        py.detach(|| body(&mut inside.drop_in, &inside.observation)).map_err(failed)
+        py.detach(|| body(&mut inside.drop_in, &inside.observation)).map_err(failed)?;
+        Ok(inside.drop_in.findings().count())
     }
 }
 
@@ -319,6 +351,7 @@ fn written_at(
 #[pymodule]
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<Core>()?;
+    module.add_class::<doctor::Examination>()?;
     module.add_function(wrap_pyfunction!(usual_config, module)?)?;
     module.add_function(wrap_pyfunction!(written_at, module)?)?;
     module.add("ConfigError", module.py().get_type::<ConfigError>())?;

@@ -13,8 +13,8 @@
 pub use shield_check::{environment_check, plugin_bench, plugin_check};
 pub use shield_config::{atomic_file, drop_in_files, experiment};
 pub use shield_core::{
-    agent, controller, cycle, decision, drop_in, events, experience, plugin_state, settings, shield,
-    shielded, world,
+    agent, controller, critic, cycle, decision, diagnosis, drop_in, events, examination, experience,
+    plugin_state, settings, shield, shielded, world,
 };
 pub use shield_host::plugin;
 #[cfg(feature = "lab")]

@@ -166,7 +166,6 @@ impl SuccessCritic for Pupil {
 }
 
 const UNDO: UndoSettings = UndoSettings {
-    members: 1,
     bootstrap_probability: 1.0,
     failure_share: 0.25,
     success_share: 0.125,

@@ -333,12 +333,13 @@ fn an_unusable_configuration_is_refused_with_its_place() {
     const RULES: &str = "rules: [(plugin: \"r\")]";
     let with = |fields: &str| format!("DropIn(\n reset: (plugin: \"a\"),\n {fields}\n)");
     for (fields, wanted) in [
-        ("shield: ()", "x.ron:3:10: a shield without any rule"),
+        ("shield: (rules: [])", "x.ron:3:18: a shield without any rule"),
         (&format!("shield: ({RULES}, on_abort: Truncate)"), "x.ron:3:45: what an agent of yours learns"),
         (&format!("shield: ({RULES}, projection: Best)"), "the values of an agent of yours"),
         (&format!("shield: ({RULES}), episode_length: 0"), "at least one step"),
         (&format!("shield: ({RULES}), threads: 0"), "at least one thread"),
         (&format!("shield: ({RULES}), hard_reset_cost: -1.0"), "the cost of a hard reset is -1"),
+        ("shield: (), experience: (failure_share: 1.5)", "x.ron:3:42: 1.5 is not a share between 0 and 1"),
         (&format!("shield: ({RULES}), evaluation: None"), "x.ron:3:"),
         (&format!("shield: ({RULES}), pins: {{\"b\": \"{}\"}}", "0".repeat(64)), "no plugin of that id"),
         (
@@ -359,4 +360,24 @@ fn an_unusable_configuration_is_refused_with_its_place() {
     let wrong = [Override::new("shield.warm_up_steps", "-7", "warm_up_steps=-7").unwrap()];
     let error = DropInFile::from_text("x.ron", &with(&format!("shield: ({RULES})")), &wrong).unwrap_err();
     assert!(error.to_string().starts_with("warm_up_steps=-7:"), "{error}");
+}
+
+#[test]
+fn what_keeps_the_shield_from_helping_is_found_once_and_kept() {
+    let mut drop_in = builder(Scripted::acting(|_, _| -1.0)).build().unwrap();
+    // Hard resets that nobody needed, at starts that the caller knows to be outside.
+    for _ in 0..20 {
+        drop_in.hard_reset_done_at(&[3.0], Some(false)).unwrap();
+        let mut cell = 3.0;
+        for _ in 0..100 {
+            step(&mut drop_in, &mut cell, 0.0);
+        }
+    }
+    let names = |drop_in: &DropIn| drop_in.findings().map(|finding| finding.name()).collect::<Vec<_>>();
+    assert_eq!(names(&drop_in), ["resets-requested", "starts-outside"]);
+    let state = drop_in.state().unwrap();
+    let mut other = builder(Scripted::acting(|_, _| -1.0)).build().unwrap();
+    assert_eq!(names(&other), [""; 0]);
+    assert!(other.restore(state).is_ok());
+    assert_eq!(names(&other), names(&drop_in));
 }

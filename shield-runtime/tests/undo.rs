@@ -63,7 +63,11 @@ impl SuccessCritic for Slope {
 }
 
 fn ladder(rule: Box<dyn AbortRule>, reset: &Scripted) -> Ladder {
-    let settings = LadderSettings { spaces: spaces(), warm_up_steps: 0, fallback_action: vec![-0.25] };
+    warming_up(rule, reset, 0)
+}
+
+fn warming_up(rule: Box<dyn AbortRule>, reset: &Scripted, warm_up_steps: u64) -> Ladder {
+    let settings = LadderSettings { spaces: spaces(), warm_up_steps, fallback_action: vec![-0.25] };
     Ladder::new(vec![rule], reset, settings).unwrap().with_success_critic(Slope.info())
 }
 
@@ -73,9 +77,13 @@ fn reset_agent() -> Scripted {
 }
 
 fn filter(ladder: &mut Ladder, observation: f32, action: &mut f32) -> Decision {
+    filter_at(0, ladder, observation, action)
+}
+
+fn filter_at(step: u64, ladder: &mut Ladder, observation: f32, action: &mut f32) -> Decision {
     let (mut reset, mut critic) = (reset_agent(), Slope);
     let agents = Agents { reset: &mut reset, forward: None, success: Some(&mut critic) };
-    let moment = Moment { step: 0, observation: &[observation], previous: None };
+    let moment = Moment { step, observation: &[observation], previous: None };
     ladder.filter(agents, &moment, std::slice::from_mut(action))
 }
 
@@ -108,6 +116,45 @@ fn a_rule_is_given_the_probabilities_of_the_action_of_the_reset_agents_action_an
 }
 
 #[test]
+fn the_start_is_measured_at_the_first_decision_of_a_cycle_also_in_the_warm_up() {
+    let seen = Arc::new(Mutex::new(Vec::new()));
+    let notes = Arc::clone(&seen);
+    let judge = move |context: &RuleContext<'_>| {
+        let start = context.start_probabilities[0];
+        notes.lock().unwrap().push((start * 100.0).round());
+        Ok(RuleVerdict::from_safe(true, 1.0))
+    };
+    // It needs values too, and is not asked before these are learned.
+    let rule = Rule { needs: Needs { values: true, ..NEEDS }, judge: Box::new(judge) };
+    let reset = reset_agent().valuing(1, |_, _| vec![1.0]);
+    let mut ladder = warming_up(Box::new(rule), &reset, 2);
+    assert_eq!(filter_at(0, &mut ladder, 0.9, &mut 0.2), Decision::WarmUp);
+    assert_eq!(ladder.start_probabilities().map(|start| (start[0] * 100.0).round()), Some(80.0));
+    assert_eq!(filter_at(1, &mut ladder, 0.7, &mut 0.2), Decision::WarmUp);
+    assert_eq!(filter_at(2, &mut ladder, 0.6, &mut 0.2), Decision::Allow);
+    assert_eq!(*seen.lock().unwrap(), [80.0]);
+    // The reset agent's own decisions measure nothing.
+    ladder.begin_cycle();
+    let (mut reset, mut critic) = (reset_agent(), Slope);
+    let agents = Agents { reset: &mut reset, forward: None, success: Some(&mut critic) };
+    ladder.guard(agents, &Moment { step: 3, observation: &[0.3], previous: None }, &mut [0.2]);
+    assert!(ladder.start_probabilities().is_none());
+    assert_eq!(filter_at(4, &mut ladder, 0.5, &mut 0.2), Decision::Allow);
+    assert_eq!(ladder.start_probabilities().map(|start| (start[0] * 100.0).round()), Some(40.0));
+}
+
+#[test]
+fn a_start_that_was_kept_of_another_ensemble_is_measured_anew() {
+    let rule = Rule { needs: NEEDS, judge: Box::new(|_| Ok(RuleVerdict::from_safe(true, 1.0))) };
+    let mut ladder = ladder(Box::new(rule), &reset_agent());
+    for kept in [&[][..], &[0.5], &[0.5; 3]] {
+        ladder.go_on_from(Some(kept));
+        assert!(ladder.start_probabilities().is_none());
+        assert_eq!(filter(&mut ladder, 0.9, &mut 0.2), Decision::Allow);
+    }
+}
+
+#[test]
 fn what_is_no_probability_aborts() {
     let allow =
         || Box::new(Rule { needs: NEEDS, judge: Box::new(|_| Ok(RuleVerdict::from_safe(true, 1.0))) });
@@ -118,6 +165,10 @@ fn what_is_no_probability_aborts() {
         let cause = decision.abort().map(|abort| abort.cause);
         assert_eq!(cause, (!is_probability).then_some(Cause::ValuesFailed), "{observation}");
         assert_eq!(action, if is_probability { 0.15 } else { 0.1 });
+        // Nor is the start measured by it, while no rule is asked yet.
+        let decision = filter(&mut warming_up(allow(), &reset_agent(), 1), observation, &mut 0.15);
+        let warm_up = decision.abort().map(|abort| abort.cause);
+        assert_eq!(warm_up, (!is_probability).then_some(Cause::ValuesFailed), "{observation}");
     }
 }
 

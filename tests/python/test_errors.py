@@ -126,7 +126,7 @@ class Once:
 )
 def test_an_unknown_outcome_requires_a_hard_reset_before_any_action(seen, in_reset_set, error):
     guard = shield.Shield(spaces.Box(-9, 9, (1,)), spaces.Box(-1, 1, (1,)), in_reset_set=in_reset_set)
-    assert guard.filter([0.0], act(0.1)).allowed
+    assert guard.filter([0.0], act(0.1)).verdict == "allow"
     with pytest.raises(error):
         guard.observe(seen)
     assert guard.needs_hard_reset and not guard.resetting
@@ -285,12 +285,12 @@ def test_an_action_space_that_cannot_be_shielded_is_refused(space, says):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ({"q_min": "high", "overrides": BY_VALUES}, "q_min='high'"),
         ({"q_min": 5}, "give accepted_risk="),
         ({"accepted_risk": "high"}, "accepted_risk='high'"),
         ({"accepted_risk": 1.5}, "accepted_risk"),
         ({"calibration_resets": -1}, "calibration_resets=-1"),
         ({"calibration_resets": 2, "in_reset_set": near_start}, "calibration_resets=2.*leave it out"),
+        ({"q_min": "high", "overrides": BY_VALUES}, "q_min='high'"),
         ({"warm_up_steps": -1}, "warm_up_steps=-1"),
         ({"episode_length": 0}, "at least one step"),
         ({"reset_attempts": 0}, "1 failed attempt or more"),

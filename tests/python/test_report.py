@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 import shield
-from shield._report import figures_of, text_of
+from shield._report import report
 from worlds import BELOW_HALF, EDGE, near_start, table
 
 
@@ -81,16 +81,17 @@ def test_an_answer_of_is_irreversible_that_is_not_a_bool_requires_a_reset(answer
 
 
 def test_a_report_has_the_figures_of_the_metrics():
-    env = shielded(in_reset_set=None, overrides={"experience.batch": 100_000}, is_irreversible=is_down, accepted_risk=0.1)
+    env = shielded(
+        in_reset_set=None, overrides={"experience.batch": 100_000}, is_irreversible=is_down, accepted_risk=0.1
+    )
     env.run(lambda observation: act(0.6), 200, seed=0)
-    figures, counted = env.report(as_dict=True), env.metrics()
-    assert figures["steps"] == counted["steps"] and figures["forward_steps"] == counted["forward_steps"]
-    assert figures["attempts"] == counted["reset_episodes"] and figures["hard_resets"] == counted["hard_resets"]
-    assert (figures["accepted_risk"], figures["threshold"]) == (0.1, counted["threshold"])
-    assert figures["irreversible_entries"] == counted["irreversible_entries"]
-    assert figures["verdict"] == "too_early"
-    text = env.report()
-    assert "accepted 10.0%" in text and f"{figures['steps']:,} steps" in text and figures["judgement"] in text
+    report, counted = env.report(), env.metrics()
+    assert report["steps"] == counted["steps"] and report["your_steps"] == counted["forward_steps"]
+    assert report["hard_resets"] == counted["hard_resets"] and report["threshold"] == counted["threshold"]
+    assert report["accepted_risk"] == pytest.approx(0.1)
+    assert report["irreversible_entries"] == counted["irreversible_entries"]
+    assert report["verdict"] == "too_early"
+    assert "10.0% may fail" in str(report) and str(report).endswith(report["judgement"])
 
 
 COUNTS = {
@@ -102,16 +103,17 @@ COUNTS = {
     "reset_episodes": 80.0,
     "reset_successes": 78.0,
     "hard_resets": 2.0,
+    "accepted_risk": 0.05,
 }
 
 
 @pytest.mark.parametrize(
     ("changed", "verdict", "says"),
     [
-        ({}, "helps", "2 hard resets instead of at least 100"),
+        ({}, "helps", "helps: 2 hard resets instead of at least 100"),
         ({"forward_steps": 3_000.0}, "helps", "only 30% of the steps"),
-        ({"reset_successes": 60.0, "hard_resets": 20.0}, "helps", "25% of the attempts failed, and 5% are accepted"),
-        ({"reset_successes": 10.0, "hard_resets": 70.0}, "helps_little", "70 of 80 attempts to get back failed"),
+        ({"reset_successes": 60.0, "hard_resets": 20.0}, "helps", "fail than you accept: 25% instead of 5%"),
+        ({"reset_successes": 10.0, "hard_resets": 70.0}, "helps_little", "70 of 80 attempts to reset failed"),
         ({"reset_successes": 0.0, "hard_resets": 120.0}, "does_not_help", "does not help: 120 hard resets"),
         ({"reset_episodes": 0.0, "reset_successes": 0.0, "hard_resets": 120.0}, "does_not_help", "never in charge"),
         ({"hard_resets": 120.0}, "does_not_help", "followed an end of the environment"),
@@ -119,11 +121,10 @@ COUNTS = {
     ],
 )
 def test_the_judgement_says_whether_the_shield_helps_and_why_not(changed, verdict, says):
-    figures = figures_of(COUNTS | changed, 0.05, None, 100)
-    assert figures["verdict"] == verdict and says in figures["judgement"], figures["judgement"]
-    assert text_of(figures).endswith(figures["judgement"])
+    judged = report(COUNTS | changed, [], False, 100)
+    assert judged["verdict"] == verdict and says in judged["judgement"], judged["judgement"]
+    assert judged["judgement"] in str(judged)
 
 
-def test_nothing_was_done_yet():
-    text = shielded().report()
-    assert "too early" in text and "0, of them your agent's 0" in text
+def test_a_report_of_nothing_says_so():
+    assert "too early" in str(shielded().report())

@@ -53,9 +53,9 @@ RISING = "q_min: -9.0, schedule: Linear, final_q_min: Some(-9.0), schedule_steps
 def test_q_min_is_where_a_schedule_ends_or_all_along_without_one(rule, is_file, tmp_path):
     rules = RULE.format(rule)
     if is_file:
-        usual, first = shield.usual_config(False), 'rules: [(plugin: "undo-probability")]'
-        assert first in usual
-        (tmp_path / "shield.ron").write_text(usual.replace(first, f"rules: {rules}"))
+        usual, own = shield.usual_config(False), 'rules: [(plugin: "undo-probability")]'
+        assert own in usual
+        (tmp_path / "shield.ron").write_text(usual.replace(own, f"rules: {rules}"))
         arguments = {"config": tmp_path / "shield.ron"}
     else:
         arguments = {"overrides": {"shield.rules": rules}}
@@ -68,35 +68,18 @@ def test_q_min_is_where_a_schedule_ends_or_all_along_without_one(rule, is_file, 
                 assert verdict in verdicts
 
 
-@pytest.mark.parametrize("accepted_risk", [0.01, 0.4])
-def test_the_accepted_risk_moves_the_threshold(accepted_risk):
-    guard = shield.Shield(*SPACES, in_reset_set=near_start, accepted_risk=accepted_risk, updates_per_step=0)
-    assert guard.accepted_risk == accepted_risk
-    for _ in range(3):
-        # Out of the reset set, and at once back into it: an attempt that succeeds.
+def test_the_accepted_risk_is_that_of_the_first_rule():
+    def metrics(**arguments):
+        guard = shield.Shield(*SPACES, in_reset_set=near_start, updates_per_step=0, **arguments)
         guard.filter(np.zeros(1), np.zeros(1, np.float32))
-        guard.observe(np.ones(1))
-        assert guard.begin_reset()
-        guard.filter(np.ones(1), np.zeros(1, np.float32))
         guard.observe(np.zeros(1))
-    guard.filter(np.zeros(1), np.zeros(1, np.float32))
-    guard.observe(np.zeros(1))
-    assert guard.metrics()["reset_successes"] == 3
-    assert guard.metrics()["threshold"] == pytest.approx(0.8 - 3 * 0.05 * accepted_risk, abs=1e-6)
+        return guard.metrics()
 
-
-def test_the_accepted_risk_is_that_of_the_configuration():
-    def accepted(config):
-        rules = {"shield.rules": f'[(plugin: "undo-probability", config: ({config}))]'}
-        guard = shield.Shield(*SPACES, in_reset_set=near_start, overrides=rules)
-        return guard.accepted_risk, guard.accepted_hard_resets_per_1000
-
-    assert shield.Shield(*SPACES).accepted_risk == 0.05
-    assert accepted("combine: Realist") == (0.05, None)
-    assert accepted("accepted_risk: 0.2") == accepted("accepted_risk: Some(0.2)") == (0.2, None)
-    assert accepted("hard_resets_per_1000: 3.0") == (None, 3.0)
-    assert accepted("adapt: false") == (None, None)
-    assert shield.Shield(*SPACES, in_reset_set=near_start, overrides=BELOW_HALF).accepted_risk is None
+    assert metrics()["accepted_risk"] == pytest.approx(0.2)
+    assert metrics(accepted_risk=0.4)["accepted_risk"] == pytest.approx(0.4)
+    # The threshold begins at what must succeed.
+    assert metrics(accepted_risk=0.4)["threshold"] == pytest.approx(0.6)
+    assert "accepted_risk" not in metrics(overrides=BELOW_HALF)
 
 
 def test_a_setting_of_another_rule_is_refused_with_the_remedy():
@@ -107,7 +90,7 @@ def test_a_setting_of_another_rule_is_refused_with_the_remedy():
     composed = {"shield.rules": '[Any([(plugin: "undo-probability"), (plugin: "undo-probability")])]'}
     with pytest.raises(shield.ConfigError, match="accepted_risk=0.1: the first rule is composed"):
         shield.Shield(*SPACES, accepted_risk=0.1, overrides=composed)
-    assert shield.Shield(*SPACES, q_min=5, overrides=BY_VALUES).accepted_risk is None
+    shield.Shield(*SPACES, q_min=5, overrides=BY_VALUES)
 
 
 def test_the_undo_probability_of_the_proposed_action_is_told():

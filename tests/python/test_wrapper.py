@@ -9,7 +9,7 @@ import shield
 from gymnasium import spaces
 from gymnasium.utils.env_checker import check_env
 from shield._settings import Settings
-from worlds import BELOW_HALF, BY_VALUES, Ending, Table, near_start, table
+from worlds import BELOW_HALF, Ending, Table, near_start, table
 
 
 def act(value):
@@ -150,7 +150,8 @@ def test_a_step_before_any_reset_is_refused():
 
 @pytest.mark.parametrize("value", [1.5, math.nan, math.inf])
 def test_the_warm_up_aborts_an_invalid_action(value):
-    env = shielded(overrides={**BY_VALUES, "shield.warm_up_steps": 100})
+    values = BELOW_HALF["shield.rules"][:-1] + ', (plugin: "ensemble-threshold", config: (q_min: 1e9))]'
+    env = shielded(overrides={**BELOW_HALF, "shield.rules": values, "shield.warm_up_steps": 100})
     env.reset()
     assert env.step(act(0.25))[4]["shield"]["verdict"] == "warm_up"
     said = env.step(act(value))[4]["shield"]
@@ -159,8 +160,7 @@ def test_the_warm_up_aborts_an_invalid_action(value):
 
 
 def test_a_limit_holds_from_the_first_step():
-    rules = BELOW_HALF["shield.rules"][:-1] + ", " + BY_VALUES["shield.rules"][1:]
-    env = shielded(overrides={**BELOW_HALF, "shield.rules": rules, "shield.warm_up_steps": 100})
+    env = shielded(overrides={**BELOW_HALF, "shield.warm_up_steps": 100})
     env.reset()
     said = env.step(act(0.75))[4]["shield"]
     assert (said["verdict"], said["cause"]) == ("abort", "rejected")
@@ -219,7 +219,7 @@ def test_an_unsigned_discrete_space_can_be_shielded():
             super().__init__(chosen=True)
             self.action_space = spaces.Discrete(3, dtype=np.uint8)
 
-    env = shielded(Few(), overrides=BY_VALUES)
+    env = shielded(Few(), overrides={"shield.warm_up_steps": 9})
     env.reset()
     assert env.step(np.uint8(2))[4]["shield"]["executed"] == 2
     said = env.step(np.uint8(3))[4]["shield"]
@@ -268,7 +268,7 @@ def test_a_vector_of_environments_passes_the_report_on():
 
 
 def test_a_loaded_shield_keeps_what_was_learned_and_counted(tmp_path):
-    quick = {"reset.config.random_steps": 0, "experience.batch": 8}
+    quick = {"reset.config.random_steps": 0, "experience.batch": 8, "shield.warm_up_steps": 10_000}
     first = shielded(overrides=quick)
     first.run(lambda _: first.action_space.sample() * 0.1, 60, seed=0)
     assert first.metrics()["reset/critic_loss"] >= 0.0
@@ -289,7 +289,7 @@ def test_a_loaded_shield_keeps_what_was_learned_and_counted(tmp_path):
 
 
 def test_a_shield_with_another_capacity_takes_over_the_experience(tmp_path):
-    quick = {"reset.config.random_steps": 0, "experience.batch": 8}
+    quick = {"reset.config.random_steps": 0, "experience.batch": 8, "shield.warm_up_steps": 10_000}
 
     def remembering(capacity):
         return shielded(overrides=quick | {"experience.capacity": capacity})
@@ -350,7 +350,7 @@ def test_a_misspelt_argument_is_refused_with_the_name_that_was_meant():
 
 def test_the_same_seed_gives_the_same_run():
     def run():
-        env = shielded(overrides={"reset.config.random_steps": 20, "experience.batch": 8})
+        env = shielded(overrides={"shield.warm_up_steps": 30, "reset.config.random_steps": 20, "experience.batch": 8})
         env.action_space.seed(1)
         returns = env.run(lambda _: env.action_space.sample(), 150, seed=5)
         return returns, env.unwrapped.executed, env.metrics()
@@ -359,7 +359,7 @@ def test_the_same_seed_gives_the_same_run():
     assert pickle.dumps(first) == pickle.dumps(second)
 
 
-def test_the_usual_configuration_rarely_aborts_what_can_be_undone():
+def test_the_usual_configuration_rarely_aborts_after_the_warm_up():
     env = shield.ShieldedEnv(table(limit=50), in_reset_set=near_start, seed=0)
     random = np.random.default_rng(0)
     env.reset(seed=0)
@@ -369,3 +369,27 @@ def test_the_usual_configuration_rarely_aborts_what_can_be_undone():
             env.reset()
     metrics = env.metrics()
     assert metrics["early_aborts"] < 50 and metrics["forward_steps"] > 1_200, metrics
+
+
+def test_the_report_says_what_the_shield_did():
+    env = shielded(is_irreversible=lambda observation: abs(float(observation[0])) > 0.02)
+    env.reset()
+    for value in (0.25, 0.25, 0.25, 0.75):
+        env.step(act(value))
+    env.reset()
+    report = env.report()
+    counted = env.metrics()
+    assert (report["steps"], report["your_steps"]) == (counted["steps"], 3) and report["early_aborts"] == 1
+    assert report["attempts"] == 1 and report["attempts_succeeded"] + report["hard_resets"] == 1
+    assert report["realised_risk"] == 1 - report["attempts_succeeded"]
+    assert report["irreversible_entries"] == counted["irreversible_entries"] >= 1
+    for part in (f"{report['steps']} steps, 3 of them your agent's", "1 actions were not executed", "cannot be undone"):
+        assert part in str(report), str(report)
+
+
+def test_the_accepted_risk_is_that_of_the_usual_rule():
+    shielded(overrides={}, accepted_risk=0.3)
+    with pytest.raises(shield.ConfigError, match="accepted_risk=1.5"):
+        shielded(overrides={}, accepted_risk=1.5)
+    with pytest.raises(shield.ConfigError, match="has no q_min; give accepted_risk="):
+        shielded(overrides={}, q_min=0.5)

@@ -76,10 +76,9 @@ def table(limit=20, **arguments):
 #: A rule that compares the reset agent's values, and so has a warm-up.
 BY_VALUES = {"shield.rules": '[(plugin: "ensemble-threshold", config: (q_min: -1e9))]'}
 
-#: Nothing is learned, for want of a batch, so that the reset agent tries this and that; an action above a half is rejected, and nothing is tried in its place.
+#: Nothing is learned, for want of a batch, so that the reset agent tries this and that; an action above a half is rejected.
 BELOW_HALF = {
     "shield.rules": '[(plugin: "linear-constraints", config: (constraints: [(a: [1.0], b: 0.5)]))]',
     "shield.projection": None,
-    "shield.warm_up_steps": 0,
     "experience.batch": 100_000,
 }

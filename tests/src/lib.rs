@@ -4,7 +4,7 @@ use std::{
     collections::BTreeMap,
     env, fs,
     path::{Path, PathBuf},
-    process::{self, Command},
+    process::{self, Command, Output},
     sync::OnceLock,
 };
 
@@ -54,6 +54,42 @@ pub fn shield() -> Command {
     let mut command = Command::new(program);
     command.env("SHIELD_PLUGIN_PATH", plugins_folder()).env("XDG_DATA_HOME", "/nonexistent");
     command
+}
+
+/// Runs the command `shield` in `folder`.
+pub fn call(folder: &Path, arguments: &[&str]) -> Output {
+    shield().current_dir(folder).args(arguments).output().expect("shield starts")
+}
+
+/// What a program printed.
+pub fn text(bytes: &[u8]) -> String {
+    String::from_utf8_lossy(bytes).into_owned()
+}
+
+/// The output of a command that succeeds.
+pub fn succeed(command: &mut Command) -> String {
+    let Output { status, stdout, stderr } = command.output().expect("the command starts");
+    assert!(status.success(), "{command:?}: {}\n{}", text(&stdout), text(&stderr));
+    text(&stdout)
+}
+
+/// Makes a named pipe at `path`.
+pub fn named_pipe(path: &Path) {
+    succeed(Command::new("mkfifo").arg(path));
+}
+
+/// Compiles a program in C against `shield.h` and the library for C.
+pub fn compile_c_program(source: &Path, program: &Path) {
+    let folder = plugins_folder();
+    let mut cc = Command::new(env::var_os("CC").unwrap_or_else(|| "cc".into()));
+    cc.args(["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic"]).arg(source);
+    cc.arg("-I").arg(workspace().join("shield-c/include")).arg("-L").arg(&folder).arg("-lshield_runtime");
+    succeed(cc.arg(format!("-Wl,-rpath,{}", folder.display())).arg("-o").arg(program));
+}
+
+/// Lets a program find no plugins but those beside its library.
+pub fn without_plugins_elsewhere(command: &mut Command) -> &mut Command {
+    command.env_remove("SHIELD_PLUGIN_PATH").env("XDG_DATA_HOME", "/nonexistent")
 }
 
 /// Every file of a run by its path in the folder, except what differs between two runs of a seed: wall-clock figures and checkpoints.
@@ -131,6 +167,16 @@ pub fn cart(steps: u64, extra: &str) -> String {
 )
 "#
     )
+}
+
+/// One of these experiments with other rules, and whatever else its shield has.
+///
+/// # Panics
+/// It has no rules.
+pub fn with_shield(experiment: &str, shield: &str) -> String {
+    let start = experiment.find("rules: [").expect("the experiment has rules");
+    let length = experiment[start..].find("],\n").expect("the rules end with their line");
+    format!("{}{shield}{}", &experiment[..start], &experiment[start + length + 2..])
 }
 
 /// The cart's way home, a network in ONNX, as the reset agent of an experiment or a drop-in.

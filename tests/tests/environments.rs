@@ -19,11 +19,7 @@ use shield_runtime::{
     report::Picture,
     run::{Prepared, prepare},
 };
-use shield_tests::{gridworld, plugins_folder, shield};
-
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).into_owned()
-}
+use shield_tests::{gridworld, plugins_folder, shield, text};
 
 fn run(arguments: &[&str]) -> Output {
     shield().args(arguments).output().unwrap()

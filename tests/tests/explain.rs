@@ -9,7 +9,7 @@ use std::{
 
 use serde_json::Value;
 use shield_runtime::run::{DecisionRow, read_decisions};
-use shield_tests::{cart, gridworld, shield};
+use shield_tests::{cart, gridworld, shield, text};
 use tempfile::TempDir;
 
 /// Runs `experiment`, which must succeed; returns the folder of seed 0.
@@ -26,10 +26,6 @@ fn run(experiment: &str, sets: &[&str]) -> (TempDir, PathBuf) {
     let name = if experiment.contains("\"cart\"") { "cart" } else { "small" };
     let run = folder.path().join(format!("runs/{name}/default/seed-0"));
     (folder, run)
-}
-
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).into_owned()
 }
 
 fn command(name: &str, run: &Path, arguments: &[&str]) -> Output {

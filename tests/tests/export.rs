@@ -1,7 +1,7 @@
 //! `shield export`: what a learner writes, others can read.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
-use std::{fs, path::Path, process::Output};
+use std::{fs, path::Path};
 
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -10,11 +10,7 @@ use shield_runtime::{
     plugin::{Registry, SearchPath, Selection},
     run::{RunFolder, restore},
 };
-use shield_tests::{cart, gridworld, plugins_folder, shield};
-
-fn call(folder: &Path, arguments: &[&str]) -> Output {
-    shield().current_dir(folder).args(arguments).output().unwrap()
-}
+use shield_tests::{call, cart, gridworld, plugins_folder};
 
 fn done(folder: &Path, arguments: &[&str]) {
     let output = call(folder, arguments);

@@ -8,7 +8,7 @@ use syn::{Attribute, Expr, Item, ItemConst, ItemMod, Lit, Meta, Visibility};
 
 /// Set by `cargo xtask header`: the file is written instead of compared.
 const WRITE: &str = "SHIELD_WRITE_HEADER";
-/// The root module is the door of Rust libraries; what an instance is, a C library defines for itself.
+/// The root module is the way in for Rust libraries; what an instance is, a C library defines for itself.
 const NOT_IN_C: [&str; 2] = ["PluginModule", "Instance"];
 const INSTANCE: &str = "
 // An instance of a plugin: the library alone defines the struct.

@@ -12,7 +12,7 @@ use std::{
 
 use shield_api::{metrics::Metrics, *};
 use shield_runtime::plugin::{Registry, Selection, host};
-use shield_tests::{run_files, shield, workspace};
+use shield_tests::{run_files, shield, succeed, workspace};
 
 fn kept() -> PathBuf {
     workspace().join("tests/fixtures/kept/1.0.0")
@@ -151,11 +151,6 @@ fn check(library: &Path) {
 #[cfg(all(target_os = "linux", target_arch = "x86_64"))]
 fn a_library_built_with_1_0_0_loads_and_runs() {
     check(&kept().join("libkept.so"));
-}
-
-fn succeed(command: &mut Command) {
-    let output = command.output().unwrap();
-    assert!(output.status.success(), "{command:?}: {}", String::from_utf8_lossy(&output.stderr));
 }
 
 /// As somebody without our repository builds it: the packaged shield-api alone, a workspace and a lock file of their own. Only the folder of

@@ -14,7 +14,7 @@ use std::{
 
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use shield_tests::{cart, gridworld, run_files, shield};
+use shield_tests::{cart, gridworld, run_files, shield, with_shield};
 
 fn kills() -> u32 {
     std::env::var("SHIELD_TEST_KILLS").map_or(5, |number| number.parse().unwrap())
@@ -124,4 +124,13 @@ fn a_killed_run_in_the_gridworld_continues_exactly() {
 #[test]
 fn a_killed_run_of_the_cart_with_networks_continues_exactly() {
     survives(&cart(3_000, "checkpoint: (every: 83),"), "cart");
+}
+
+#[test]
+fn a_killed_run_with_a_success_critic_continues_exactly() {
+    let learned = r#"rules: [(plugin: "undo-probability")], success_critic: (plugin: "tabular-success"),
+        shield_exploration: true,"#;
+    let experiment = with_shield(&gridworld(6_000, "checkpoint: (every: 61),"), learned)
+        .replace("batch: 16", "batch: 16, capacity: 1_000");
+    survives(&experiment, "small");
 }

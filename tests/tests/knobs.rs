@@ -3,7 +3,7 @@
 
 use std::{collections::BTreeMap, fs};
 
-use shield_tests::{cart, gridworld, shield};
+use shield_tests::{cart, gridworld, shield, with_shield};
 
 /// What a run writes, the configuration and the wall-clock figures apart.
 fn results(experiment: &str, set: Option<&str>) -> BTreeMap<String, String> {
@@ -115,6 +115,64 @@ fn every_field_of_the_decision_ladder_changes_a_run_of_the_cart() {
     let careful = projected.replace("Qp()", "Qp(margin: 0.3)");
     let soft = careful.replace(rule, &format!("Soft(priority: 1.0, rule: {rule})"));
     all_change(&soft, &["shield.rules[0].priority=100.0"]);
+}
+
+#[test]
+fn every_field_that_concerns_undo_probabilities_changes_a_run_of_the_gridworld() {
+    let rule = r#"rules: [(plugin: "undo-probability", config: (initial_threshold: 0.9))],
+        success_critic: (plugin: "tabular-success", config: (members: 3)),"#;
+    let experiment = with_shield(&gridworld(2_000, ""), rule)
+        .replace("every: 500", "every: 2000")
+        .replace("batch: 16", "batch: 16, bootstrap_probability: 0.7");
+    let fields = [
+        "shield.rules[0].config.accepted_risk=Some(0.4)",
+        "shield.rules[0].config.hard_resets_per_1000=Some(2.0)",
+        "shield.rules[0].config.combine=Optimistic",
+        "shield.rules[0].config.adapt=false",
+        "shield.rules[0].config.adaptation_rate=0.2",
+        "shield.rules[0].config.initial_threshold=0.5",
+        "shield.rules[0].config.relative=false",
+        "shield.success_critic=Some(plugin: \"success-critic\")",
+        "shield.success_critic.config.members=2",
+        "shield.success_critic.config.discount=0.9",
+        "shield.success_critic.config.outcome_weight=0.1",
+        "shield.success_critic.config.initial_probability=0.5",
+        "shield.success_critic.config.least_step=0.5",
+        "experience.failure_share=0.0",
+        "experience.success_share=0.5",
+        "experience.outcome_half_life=1.0",
+        "experience.bootstrap_probability=0.5",
+    ];
+    // Tables that all learn the same have nothing to be combined.
+    all_change(&experiment, &fields);
+}
+
+#[test]
+fn every_field_of_the_success_critic_changes_a_run_of_the_cart() {
+    // Neither a rule nor a critic is named: the usual ones are there.
+    let usual = with_shield(&cart(600, ""), "").replace("every: 500", "every: 600");
+    assert!(!usual.contains("rules"));
+    let named = r#"rules: [(plugin: "undo-probability")], success_critic: Some(plugin: "success-critic"),"#;
+    let named = with_shield(&cart(600, ""), named).replace("every: 500", "every: 600");
+    assert!(results(&usual, None) == results(&named, None));
+    let fields = [
+        "shield.success_critic.config.members=2",
+        "shield.success_critic.config.hidden=[8]",
+        "shield.success_critic.config.learning_rate=0.01",
+        "shield.success_critic.config.discount=0.9",
+        "shield.success_critic.config.outcome_weight=0.1",
+        "shield.success_critic.config.tau=0.5",
+        "shield.success_critic.config.initial_probability=0.5",
+        "shield.success_critic.config.normalise_observations=false",
+    ];
+    all_change(&named, &fields);
+    all_change(
+        &usual,
+        &[
+            "shield.rules=[(plugin: \"deadline-latch\")]",
+            "shield.success_critic=Some(plugin: \"success-critic\", config: (members: 2))",
+        ],
+    );
 }
 
 #[test]

@@ -151,15 +151,15 @@ fn an_embedder_compiles_few_packages() {
     let drop_in = ["--package", "shield-runtime", "--no-default-features", "--features", "clarabel"];
     let drop_in = compiled(&drop_in);
     assert!(drop_in.len() <= 110 && drop_in.len() > core.len(), "{}: {drop_in:#?}", drop_in.len());
-    let door = compiled(&["--package", "shield-c"]);
-    assert!(door.len() <= 110, "{}: {door:#?}", door.len());
+    let for_c = compiled(&["--package", "shield-c"]);
+    assert!(for_c.len() <= 110, "{}: {for_c:#?}", for_c.len());
 }
 
 #[test]
 fn the_c_and_python_libraries_depend_on_no_plugin() {
     let metadata = metadata();
-    for door in ["shield-c", "shield-python"] {
-        assert_own_dependencies(&metadata, package(&metadata, door), &["shield-api", "shield-runtime"]);
+    for binding in ["shield-c", "shield-python"] {
+        assert_own_dependencies(&metadata, package(&metadata, binding), &["shield-api", "shield-runtime"]);
     }
     let python = everything_below(&metadata, package(&metadata, "shield-python"));
     assert!(python.contains("pyo3"), "Python is not seen where it is used");

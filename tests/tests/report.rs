@@ -1,7 +1,7 @@
 //! `shield report`, and records of runs.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
-use std::{fs, path::Path, process::Output};
+use std::{fs, path::Path};
 
 use serde_json::Value;
 use shield_runtime::{
@@ -10,14 +10,10 @@ use shield_runtime::{
     report::FIGURE_NAMES,
     run::{RunFolder, prepare},
 };
-use shield_tests::{cart, gridworld, plugins_folder, shield, workspace};
+use shield_tests::{call, cart, gridworld, plugins_folder, workspace};
 use tempfile::TempDir;
 
 const VARIANTS: &str = r#"variants: {"q-0.4": [], "q-0": [("shield.rules[0].config.q_min", 0.0)], "status-quo": [("mode", StatusQuo)]},"#;
-
-fn call(folder: &Path, arguments: &[&str]) -> Output {
-    shield().current_dir(folder).args(arguments).output().unwrap()
-}
 
 fn done(folder: &Path, arguments: &[&str]) -> String {
     let output = call(folder, arguments);
@@ -211,10 +207,11 @@ fn the_lifetime_return_is_the_same_in_every_file() {
 }
 
 #[test]
-fn the_experiments_of_the_paper_are_valid_and_named_as_their_files() {
+fn the_experiments_that_are_reproduced_are_valid_and_named_as_their_files() {
     let registry = Registry::scan(&SearchPath::new([plugins_folder()]));
     let mut count = 0;
-    for entry in fs::read_dir(workspace().join("examples/paper")).unwrap() {
+    let folders = ["examples/paper", "examples/untouched"].map(|folder| workspace().join(folder));
+    for entry in folders.iter().flat_map(|folder| fs::read_dir(folder).unwrap()) {
         let path = entry.unwrap().path();
         if path.extension().is_none_or(|extension| extension != "ron") {
             continue;
@@ -224,7 +221,9 @@ fn the_experiments_of_the_paper_are_valid_and_named_as_their_files() {
         assert_eq!(variants[0].experiment.name, name);
         count += 1;
         // The others have networks of which one takes as much memory as all tests together.
-        if name.ends_with("-small") || name.starts_with("gridworld") {
+        let is_small =
+            name.ends_with("-small") || name.starts_with("gridworld") || path.starts_with(&folders[1]);
+        if is_small {
             for variant in &variants {
                 if let Err(error) = prepare(&registry, variant, 0) {
                     panic!("{name}, {}: {error}", variant.name);

@@ -3,22 +3,20 @@
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 use std::{
-    env, fs,
+    fs,
     os::unix::fs::symlink,
     path::Path,
     process::{Command, Output},
 };
 
-use shield_tests::{cart, gridworld, plugins_folder, shield, workspace};
+use shield_tests::{
+    call, cart, compile_c_program, gridworld, named_pipe, text, without_plugins_elsewhere, workspace,
+};
 use tempfile::TempDir;
-
-fn call(folder: &Path, arguments: &[&str]) -> Output {
-    shield().current_dir(folder).args(arguments).output().unwrap()
-}
 
 fn done(folder: &Path, arguments: &[&str]) {
     let output = call(folder, arguments);
-    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+    assert!(output.status.success(), "{arguments:?}: {}", text(&output.stderr));
 }
 
 fn names(folder: &Path) -> Vec<String> {
@@ -39,7 +37,7 @@ fn traps(ending: &str) -> TempDir {
     symlink("precious", at("link")).unwrap();
     symlink("nowhere", at("dangling")).unwrap();
     fs::create_dir(at("folder")).unwrap();
-    assert!(Command::new("mkfifo").arg(at("pipe")).status().unwrap().success());
+    named_pipe(&at("pipe"));
     folder
 }
 
@@ -56,7 +54,7 @@ fn refuses_traps(ending: &str, write: impl Fn(&Path) -> Output) {
     let before = names(folder.path());
     for (name, reason) in TRAPS {
         let output = write(&folder.path().join(format!("{name}{ending}")));
-        let message = String::from_utf8_lossy(&output.stderr).into_owned();
+        let message = text(&output.stderr);
         assert!(!output.status.success() && message.contains(reason), "{name}: {message}");
         assert_eq!(names(folder.path()), before, "{name}");
         assert_eq!(fs::read_to_string(folder.path().join("precious")).unwrap(), PRECIOUS, "{name}");
@@ -100,7 +98,7 @@ fn an_export_and_a_film_are_written_over_regular_files_only() {
     symlink("precious", folder.path().join("reset.onnx")).unwrap();
     let output =
         call(home.path(), &["export", "runs/cart/default/seed-0", "--out", folder.path().to_str().unwrap()]);
-    let message = String::from_utf8_lossy(&output.stderr).into_owned();
+    let message = text(&output.stderr);
     assert!(output.status.code() == Some(1) && message.contains("reset.onnx"), "{message}");
     assert_eq!(fs::read_to_string(&precious).unwrap(), PRECIOUS);
     let whole = ["forward.onnx", "forward.safetensors", "precious", "reset.onnx", "reset.safetensors"];
@@ -123,7 +121,7 @@ fn a_new_plugin_is_made_in_a_new_folder_only() {
     };
     for (trap, _) in TRAPS {
         let output = new(trap);
-        let message = String::from_utf8_lossy(&output.stderr).into_owned();
+        let message = text(&output.stderr);
         assert!(output.status.code() == Some(2) && message.contains("exists already"), "{trap}: {message}");
     }
     assert_eq!(names(folder.path()), before);
@@ -166,21 +164,20 @@ fn a_program_in_c_saves_over_a_regular_file_only() {
     let folder = tempfile::tempdir().unwrap();
     let (source, program) = (folder.path().join("save.c"), folder.path().join("save"));
     fs::write(&source, SAVE).unwrap();
-    let libraries = plugins_folder();
-    let mut cc = Command::new(env::var_os("CC").unwrap_or_else(|| "cc".into()));
-    cc.arg(&source).arg("-I").arg(workspace().join("shield-c/include")).arg("-L").arg(&libraries);
-    cc.arg("-lshield_runtime").arg(format!("-Wl,-rpath,{}", libraries.display())).arg("-o").arg(&program);
-    assert!(cc.status().unwrap().success());
+    compile_c_program(&source, &program);
     let save = |path: &Path| {
         let mut command = Command::new(&program);
-        command.env_remove("SHIELD_PLUGIN_PATH").env("XDG_DATA_HOME", "/nonexistent");
-        command.arg(workspace().join("examples/c/cart.ron")).arg(path).output().unwrap()
+        without_plugins_elsewhere(&mut command)
+            .arg(workspace().join("examples/c/cart.ron"))
+            .arg(path)
+            .output()
+            .unwrap()
     };
     refuses_traps("", save);
     let state = folder.path().join("state");
     for _ in 0..2 {
         let output = save(&state);
-        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+        assert!(output.status.success(), "{}", text(&output.stderr));
     }
     assert_eq!(names(folder.path()), ["save", "save.c", "state"]);
 }

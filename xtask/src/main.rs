@@ -43,7 +43,8 @@ const EXAMPLES: &str = "Examples:
   cargo xtask test --long                     a million projections, 200 kills
   cargo xtask bench --bench decision          one benchmark
   cargo xtask bench --peers                   our learner against torch and Stable-Baselines3
-  cargo xtask reproduce gridworld-qmin        one of the paper's experiments";
+  cargo xtask reproduce gridworld-qmin        one of the paper's experiments
+  cargo xtask reproduce untouched             the shield as it is, in seven environments";
 
 #[derive(Subcommand)]
 enum Chore {
@@ -109,7 +110,8 @@ enum Chore {
     /// Run the paper's experiments as far as they are not recorded, and write examples/paper/RESULTS.md
     ///
     /// Small ones, for two cores: the first three take minutes, all together some hours. Ctrl-C keeps what is done, and the same command goes
-    /// on from there. Records and plots beside RESULTS.md are written anew.
+    /// on from there. Records and plots beside RESULTS.md are written anew. `untouched` names those of the shield with its usual settings, whose
+    /// RESULTS.md is in examples/untouched.
     Reproduce(reproduce::Arguments),
     /// Run the benchmarks
     Bench {

@@ -1,9 +1,12 @@
-//! The paper's experiments, small enough for two cores: runs what is missing, draws it, and says which claims hold.
+//! Experiments whose results are kept, small enough for two cores: the paper's, and those of the shield as it is. Runs what is missing, draws it, and
+//! says which claims hold, or which targets are met.
 
 mod claims;
 mod experiments;
 mod record;
 mod results;
+mod tables;
+mod untouched;
 
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -13,20 +16,48 @@ use anyhow::{Context, Result, bail};
 
 use crate::cargo;
 use crate::say::say;
-use experiments::{EXPERIMENTS, Experiment};
+use experiments::Experiment;
 use record::Record;
 
-/// What was measured, in the repository.
-const PAPER: &str = "examples/paper";
-/// Where the runs themselves are, outside of it.
-const RUNS: &str = "runs/paper";
+/// Experiments whose results make one page.
+struct Collection {
+    /// Stands for all of them on the command line.
+    name: &'static str,
+    /// Where the page is, and the records: in the repository.
+    folder: &'static str,
+    /// Where the runs themselves are: outside of it.
+    runs: &'static str,
+    experiments: &'static [Experiment],
+    page: fn(&Path, &[Recorded]) -> Result<String>,
+}
+
+/// An experiment with what is known of its runs.
+type Recorded = (&'static Experiment, Option<Record>);
+
+/// The first is meant where none is named.
+const COLLECTIONS: [Collection; 2] = [
+    Collection {
+        name: "paper",
+        folder: "examples/paper",
+        runs: "runs/paper",
+        experiments: experiments::PAPER,
+        page: results::page,
+    },
+    Collection {
+        name: "untouched",
+        folder: "examples/untouched",
+        runs: "runs/untouched",
+        experiments: experiments::UNTOUCHED,
+        page: untouched::page,
+    },
+];
 
 /// Which experiments, and how.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// Experiments to run, by the names of their files in examples/paper; all if none is named
+    /// Experiments to run, by the names of their files; `paper` and `untouched` are all of one folder, and `paper` is meant if none is named
     experiments: Vec<String>,
-    /// Runs nothing: takes what is there, finished runs in runs/paper and the records in examples/paper/records
+    /// Runs nothing: takes what is there, finished runs in runs/ and the records beside the page
     #[arg(long)]
     no_run: bool,
     /// Seeds to run instead of each experiment's, for example 0,1
@@ -34,57 +65,83 @@ pub struct Arguments {
     seeds: Option<String>,
 }
 
-/// Runs what is missing, then writes records, plots and `examples/paper/RESULTS.md`.
+/// Runs what is missing, then writes records, plots and the `RESULTS.md` of each folder from which something was named.
 ///
 /// # Errors
 /// A name is unknown, a run fails, or a file cannot be written.
 pub fn reproduce(root: &Path, program: &Path, arguments: &Arguments) -> Result<ExitCode> {
-    for name in &arguments.experiments {
-        if !EXPERIMENTS.iter().any(|experiment| experiment.name == name) {
-            let known: Vec<&str> = EXPERIMENTS.iter().map(|experiment| experiment.name).collect();
-            bail!("there is no experiment {name}; there are: {}", known.join(", "));
-        }
-    }
-    let is_wanted = |experiment: &&Experiment| {
-        arguments.experiments.is_empty() || arguments.experiments.iter().any(|name| name == experiment.name)
-    };
     let mut code = ExitCode::SUCCESS;
-    for experiment in EXPERIMENTS.iter().filter(is_wanted) {
-        let place = Place { root, program, experiment };
-        if !arguments.no_run && !place.run(arguments.seeds.as_deref())? {
-            // What is finished is written all the same; the next call goes on from there.
-            code = ExitCode::FAILURE;
+    for (collection, experiments) in chosen(&arguments.experiments)? {
+        for experiment in experiments {
+            let place = Place { root, program, collection, experiment };
+            if !arguments.no_run && !place.run(arguments.seeds.as_deref())? {
+                // What is finished is written all the same; the next call goes on from there.
+                code = ExitCode::FAILURE;
+            }
+            place.report()?;
         }
-        place.report()?;
+        collection.write_page(root)?;
     }
-    let mut records = Vec::new();
-    for experiment in EXPERIMENTS {
-        let path = root.join(Place { root, program, experiment }.record());
-        let record = if path.exists() { Some(Record::read(&path)?) } else { None };
-        records.push((experiment, record));
-    }
-    let path = root.join(PAPER).join("RESULTS.md");
-    fs::write(&path, results::page(root, &records)?)
-        .with_context(|| format!("{} cannot be written", path.display()))?;
-    say(format_args!("{PAPER}/RESULTS.md"));
     Ok(code)
+}
+
+/// The experiments of these names, by the collections to which they belong.
+fn chosen(names: &[String]) -> Result<Vec<(&'static Collection, Vec<&'static Experiment>)>> {
+    let known = || COLLECTIONS.iter().flat_map(Collection::names);
+    if let Some(name) = names.iter().find(|name| known().all(|known| known != name.as_str())) {
+        let known: Vec<&str> = known().collect();
+        bail!("there is no experiment {name}; there are: {}", known.join(", "));
+    }
+    let default = [COLLECTIONS[0].name.to_owned()];
+    let names = if names.is_empty() { &default } else { names };
+    let is_named = |name: &str| names.iter().any(|named| named == name);
+    let of = |collection: &'static Collection| {
+        let is_wanted = |experiment: &&Experiment| is_named(collection.name) || is_named(experiment.name);
+        (collection, collection.experiments.iter().filter(is_wanted).collect::<Vec<_>>())
+    };
+    Ok(COLLECTIONS.iter().map(of).filter(|(_, experiments)| !experiments.is_empty()).collect())
+}
+
+impl Collection {
+    /// What can be named on the command line.
+    fn names(&self) -> impl Iterator<Item = &'static str> {
+        [self.name].into_iter().chain(self.experiments.iter().map(|experiment| experiment.name))
+    }
+
+    /// From the root, where `shield` is called.
+    fn record(&self, experiment: &Experiment) -> PathBuf {
+        Path::new(self.folder).join("records").join(format!("{}.json", experiment.name))
+    }
+
+    fn write_page(&self, root: &Path) -> Result<()> {
+        let read = |experiment: &'static Experiment| {
+            let path = root.join(self.record(experiment));
+            Ok((experiment, path.exists().then(|| Record::read(&path)).transpose()?))
+        };
+        let records: Vec<Recorded> = self.experiments.iter().map(read).collect::<Result<_>>()?;
+        let path = root.join(self.folder).join("RESULTS.md");
+        fs::write(&path, (self.page)(root, &records)?)
+            .with_context(|| format!("{} cannot be written", path.display()))?;
+        say(format_args!("{}/RESULTS.md", self.folder));
+        Ok(())
+    }
 }
 
 /// Where everything of one experiment is.
 struct Place<'a> {
     root: &'a Path,
     program: &'a Path,
+    collection: &'a Collection,
     experiment: &'a Experiment,
 }
 
 impl Place<'_> {
-    /// From the root, where `shield` is called.
     fn record(&self) -> PathBuf {
-        Path::new(PAPER).join("records").join(format!("{}.json", self.experiment.name))
+        self.collection.record(self.experiment)
     }
 
     fn runs(&self) -> PathBuf {
-        Path::new(RUNS).join(self.experiment.name)
+        Path::new(self.collection.runs).join(self.experiment.name)
     }
 
     fn shield(&self) -> Command {
@@ -96,9 +153,9 @@ impl Place<'_> {
     /// Makes the runs that are neither recorded nor finished. Returns whether all are.
     fn run(&self, seeds: Option<&str>) -> Result<bool> {
         let mut command = self.shield();
-        let file = format!("{PAPER}/{}.ron", self.experiment.name);
+        let file = self.experiment.file();
         say(&file);
-        command.args(["run", &file, "--out", RUNS, "--record"]).arg(self.record());
+        command.args(["run", &file, "--out", self.collection.runs, "--record"]).arg(self.record());
         if let Some(seeds) = seeds {
             command.args(["--seeds", seeds]);
         }
@@ -117,10 +174,37 @@ impl Place<'_> {
             (false, true) => command.arg(&record),
             (false, false) => return Ok(()),
         };
-        command.arg("--out").arg(Path::new(RUNS).join(format!("{}.html", self.experiment.name)));
-        command.arg("--png").arg(Path::new(PAPER).join("plots"));
-        command.args(["--prefix", &format!("{}-", self.experiment.name)]);
-        command.args(["--figures", &self.experiment.figures.join(",")]);
+        let page = format!("{}.html", self.experiment.name);
+        command.arg("--out").arg(Path::new(self.collection.runs).join(page));
+        if !self.experiment.figures.is_empty() {
+            command.arg("--png").arg(Path::new(self.collection.folder).join("plots"));
+            command.args(["--prefix", &format!("{}-", self.experiment.name)]);
+            command.args(["--figures", &self.experiment.figures.join(",")]);
+        }
         cargo::run(&mut command)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn count(names: &[&str]) -> Option<Vec<(&'static str, usize)>> {
+        let names: Vec<String> = names.iter().map(ToString::to_string).collect();
+        let chosen = chosen(&names).ok()?;
+        Some(chosen.iter().map(|(collection, experiments)| (collection.name, experiments.len())).collect())
+    }
+
+    #[test]
+    fn a_collection_is_named_as_a_whole_or_by_its_experiments() {
+        let all = COLLECTIONS.map(|collection| (collection.name, collection.experiments.len()));
+        assert_eq!(count(&[]), Some(vec![all[0]]));
+        assert_eq!(count(&["untouched"]), Some(vec![all[1]]));
+        assert_eq!(count(&["untouched", "paper", "walker"]), Some(all.to_vec()));
+        assert_eq!(
+            count(&["walker", "cart-small", "quickstart"]),
+            Some(vec![("paper", 1), ("untouched", 2)])
+        );
+        assert_eq!(count(&["walker", "nobody"]), None);
     }
 }

@@ -14,11 +14,11 @@ pub enum Cell {
     Start,
     /// `#`: cannot be entered.
     Wall,
-    /// `X` or `H`: whoever enters stays there until a hard reset.
+    /// `X` or `H`: an agent that enters stays there until a hard reset.
     Absorbing,
     /// `G`: reward 1, and the agent may leave again.
     Goal,
-    /// `A`: reward 1, but whoever enters stays there until a hard reset.
+    /// `A`: reward 1, but an agent that enters stays there until a hard reset.
     AbsorbingGoal,
 }
 

@@ -92,10 +92,10 @@ mod tests {
     use shield_api::Environment;
 
     use super::*;
-    use crate::suite::{
+    use crate::task::Robot;
+    use crate::testing::{
         assert_masses, assert_state, idle_step, make, place, pseudo_random_actions, value_of_staying, wave,
     };
-    use crate::task::Robot;
 
     type BallRobot = Robot<BallInCup>;
 

@@ -60,7 +60,7 @@ pub fn disturb(noise: &mut Noise<'_>, positions: &mut [f64], velocities: &mut [f
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::suite::{assert_masses, assert_state};
+    use crate::testing::{assert_masses, assert_state};
 
     /// What Gymnasium's own model computes: MuJoCo 3.17.0, `half_cheetah.xml`, qpos[1] = 10, then 20 actions sin(0.7 k + i).
     const GYMNASIUM_FREE_FLIGHT: [f64; 18] = [

@@ -134,8 +134,8 @@ mod tests {
     use shield_api::Environment;
 
     use super::*;
-    use crate::suite::{make, pseudo_random_actions, value_of_staying};
     use crate::task::Robot;
+    use crate::testing::{make, pseudo_random_actions, value_of_staying};
 
     type CartRobot = Robot<CliffCart>;
 
@@ -254,7 +254,7 @@ mod tests {
         push(&mut cart, &mut observation, 60, 1.0);
         assert_eq!(cart.reset_kind(), Ok(1));
         for config in ["(fall_cost: -1.0)", "(fall_cost: inf)"] {
-            assert!(crate::suite::try_make::<CliffCart>(config).is_err(), "{config}");
+            assert!(crate::testing::try_make::<CliffCart>(config).is_err(), "{config}");
         }
     }
 

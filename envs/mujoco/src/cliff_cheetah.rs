@@ -72,11 +72,11 @@ mod tests {
     use shield_api::Environment;
 
     use super::*;
-    use crate::suite::{
+    use crate::task::Robot;
+    use crate::testing::{
         a_shorter_cliff_ends_before, make, no_pose_at_counts_as_irreversible, place, pseudo_random_pushes,
         value_of_staying,
     };
-    use crate::task::Robot;
 
     type CheetahRobot = Robot<CliffCheetah>;
 

@@ -91,11 +91,11 @@ mod tests {
     use shield_api::Environment;
 
     use super::*;
-    use crate::suite::{
+    use crate::task::Robot;
+    use crate::testing::{
         a_shorter_cliff_ends_before, idle_step, make, no_pose_at_counts_as_irreversible, place,
         pseudo_random_pushes, value_of_staying,
     };
-    use crate::task::Robot;
 
     type WalkerRobot = Robot<CliffWalker>;
 

@@ -62,8 +62,8 @@ impl Task for HalfCheetah {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::suite::{GymnasiumEpisode, make, value_of_staying};
     use crate::task::Robot;
+    use crate::testing::{GymnasiumEpisode, make, value_of_staying};
 
     #[test]
     fn an_episode_matches_gymnasium() {

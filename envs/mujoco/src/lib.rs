@@ -73,3 +73,5 @@ shield_api::export_plugin! {
 mod peers;
 #[cfg(test)]
 mod suite;
+#[cfg(test)]
+mod testing;

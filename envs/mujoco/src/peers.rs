@@ -8,8 +8,8 @@ use shield_api::PluginConfig;
 
 use crate::scenery::on_stage;
 use crate::simulation::Simulation;
-use crate::suite::pseudo_random_actions;
 use crate::task::{RobotConfig, Task};
+use crate::testing::pseudo_random_actions;
 use crate::{
     ball_in_cup::BallInCup, cliff_cheetah::CliffCheetah, cliff_walker::CliffWalker,
     half_cheetah::HalfCheetah, inverted_pendulum::InvertedPendulum, walker::Walker,

@@ -117,8 +117,8 @@ mod tests {
     use shield_api::Environment;
 
     use super::*;
-    use crate::suite::{idle_step, make, place, pseudo_random_actions, value_of_staying};
     use crate::task::Robot;
+    use crate::testing::{idle_step, make, place, pseudo_random_actions, value_of_staying};
 
     type Arm = Robot<PegInsertion>;
 

@@ -142,8 +142,8 @@ mod tests {
     use shield_api::Environment;
 
     use super::*;
-    use crate::suite::{idle_step, make, pseudo_random_pushes, try_make, value_of_staying};
     use crate::task::Robot;
+    use crate::testing::{idle_step, make, pseudo_random_pushes, try_make, value_of_staying};
 
     type PusherRobot = Robot<Pusher>;
 

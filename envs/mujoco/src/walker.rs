@@ -66,8 +66,8 @@ mod tests {
     use shield_api::Environment;
 
     use super::*;
-    use crate::suite::{GymnasiumEpisode, make};
     use crate::task::Robot;
+    use crate::testing::{GymnasiumEpisode, make};
 
     #[test]
     fn an_episode_matches_gymnasium() {

@@ -127,6 +127,11 @@ impl ResetTask for CalibratedStart {
 
     fn observe_start(&mut self, observation: &[f32]) -> Result<()> {
         check_finite("observation", observation, self.observation_len)?;
+        // Judged before it is learned from: whether a fresh start counts as reset.
+        if self.calibration.starts_inside.is_some() {
+            let is_inside = self.calibration.judge(self.memory.starts(), observation).in_reset_set;
+            self.host.metric("start_inside", f64::from(u8::from(is_inside)));
+        }
         self.is_due |= self.memory.start(observation);
         Ok(())
     }

@@ -4,7 +4,7 @@
 mod state;
 
 use shield_api::{
-    Checkpoint, Error, Plugin, ResetSignal, ResetTask, Result, Setup, check_finite, check_length,
+    Checkpoint, Error, Host, Plugin, ResetSignal, ResetTask, Result, Setup, check_finite, check_length,
 };
 
 use crate::state::Starts;
@@ -37,6 +37,7 @@ pub struct NearStart {
     /// artanh(√0.95) / margin.
     steepness: f64,
     action_len: usize,
+    host: Host,
 }
 
 impl Plugin for NearStart {
@@ -73,6 +74,7 @@ impl Plugin for NearStart {
             radius: config.radius.into(),
             steepness: 0.95f64.sqrt().atanh() / f64::from(config.margin),
             action_len: spaces.action_len(),
+            host: setup.host,
         })
     }
 }
@@ -128,6 +130,11 @@ impl ResetTask for NearStart {
 
     fn observe_start(&mut self, observation: &[f32]) -> Result<()> {
         check_finite("observation", observation, self.weights.len())?;
+        // Before this start moves the mean: whether a fresh start counts as reset.
+        if let Some(start) = self.starts.mean() {
+            let is_inside = self.distance(start, observation) <= self.radius;
+            self.host.metric("start_inside", f64::from(u8::from(is_inside)));
+        }
         if !self.has_target && self.starts.count() < u64::from(self.average_over) {
             self.starts.observe(observation);
         }

@@ -27,9 +27,10 @@ fn create(settings: &str, observation_len: usize, action: Space, seed: u64) -> R
     CriticEnsemble::create(config, &Setup::with_spaces(seed, 1, Host::silent(), spaces))
 }
 
-/// A small critic with further settings.
+/// A small critic with further settings. It sees observations as they are, unless these say otherwise.
 fn critic(settings: &str) -> CriticEnsemble {
-    create(&format!("{SMALL}, {settings}"), 3, boxed(), 5).unwrap()
+    let plain = if settings.contains("normalise") { "" } else { "normalise_observations: false, " };
+    create(&format!("{SMALL}, {plain}{settings}"), 3, boxed(), 5).unwrap()
 }
 
 /// The columns of a batch.
@@ -232,8 +233,9 @@ fn foreign_bytes_are_refused_and_change_nothing() {
     let cut = before[..before.len() / 2].to_vec();
     let mut not_a_number = before.clone();
     not_a_number[40..44].fill(0xff);
-    let other_shape = saved(&create("members: 4, hidden: [20, 15]", 3, boxed(), 5).unwrap());
-    let normalised = saved(&critic("normalise_observations: true"));
+    let other_shape =
+        saved(&create("members: 4, hidden: [20, 15], normalise_observations: false", 3, boxed(), 5).unwrap());
+    let normalised = saved(&create("members: 3, hidden: [20, 15]", 3, boxed(), 5).unwrap());
     for bad in [Vec::new(), b"something else".to_vec(), cut, too_long, not_a_number, other_shape, normalised]
     {
         assert!(original.load(&bad).is_err(), "{} bytes", bad.len());
@@ -268,7 +270,7 @@ fn every_configuration_field_changes_the_behaviour() {
         ("outcome_weight", "0.3"),
         ("tau", "0.5"),
         ("initial_probability", "0.5"),
-        ("normalise_observations", "true"),
+        ("normalise_observations", "false"),
     ];
     for field in SuccessCriticConfig::FIELDS {
         let tried = changes.iter().find(|(name, _)| *name == field.name);

@@ -18,7 +18,7 @@ use crate::{
 shield_api::config! {
     /// Settings of the rule.
     pub struct Config {
-        /// The share of attempts to reset that may fail, between 0 and 1. None: 0.05, unless hard_resets_per_1000 is set.
+        /// The share of attempts to reset that may fail, between 0 and 1. None: 0.2, unless hard_resets_per_1000 is set.
         accepted_risk: Option<f32> = None,
         /// Instead of a share, a budget: how many attempts may fail per 1,000 environment steps. Each of them costs a hard reset.
         hard_resets_per_1000: Option<f32> = None,
@@ -29,8 +29,9 @@ shield_api::config! {
         adapt: bool = true,
         /// η: how far one outcome moves the threshold.
         adaptation_rate: f32 = 0.05,
-        /// The threshold before the first attempt, and the least after one that failed; without adaptation, for ever.
-        initial_threshold: f32 = 0.8,
+        /// The threshold before the first attempt, and the least after one that failed; without adaptation, for ever. None: 1 − accepted_risk, or
+        /// 0.8 with a budget.
+        initial_threshold: Option<f32> = None,
         /// The threshold is a share of the undo probability at the start of the reset cycle; else it is a probability itself.
         relative: bool = true,
     }
@@ -58,7 +59,8 @@ impl Plugin for UndoProbability {
     fn create(config: Config, setup: &Setup) -> Result<Self> {
         config.combine.check("combine")?;
         let adaptation = Adaptation::new(&config)?;
-        let Config { combine, initial_threshold, relative, .. } = config;
+        let initial_threshold = risk::initial_threshold(&config);
+        let Config { combine, relative, .. } = config;
         if !(0.0..=1.0).contains(&initial_threshold) {
             let message = format!("initial_threshold is {initial_threshold}, but must lie in [0, 1]");
             return Err(Error::invalid_config(message).in_field("initial_threshold"));
@@ -146,6 +148,9 @@ impl AbortRule for UndoProbability {
         self.host.metric("threshold", self.threshold());
         if let Some(risk) = self.history.realised_risk() {
             self.host.metric("realised_risk", risk);
+        }
+        if let Some(risk) = self.adaptation.as_ref().and_then(Adaptation::accepted_risk) {
+            self.host.metric("accepted_risk", risk);
         }
         Ok(())
     }

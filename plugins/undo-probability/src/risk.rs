@@ -5,7 +5,10 @@ use shield_api::{Error, ObservedAttempt, Result};
 use crate::Config;
 
 /// The accepted risk where the user sets none.
-const ACCEPTED_RISK: f32 = 0.05;
+const ACCEPTED_RISK: f32 = 0.2;
+
+/// Below its beginning the threshold comes down no faster than with this accepted risk.
+const SLOWEST: f64 = 0.05;
 
 /// How many of the last attempts the realised risk is taken over.
 const WINDOW: u64 = 100;
@@ -61,8 +64,24 @@ impl Adaptation {
             return Err(Error::invalid_config(message).in_field("adaptation_rate"));
         }
         let accepted = accepted(accepted_risk, hard_resets_per_1000)?;
-        let (rate, initial) = (f64::from(adaptation_rate), f64::from(config.initial_threshold));
+        let (rate, initial) = (f64::from(adaptation_rate), f64::from(initial_threshold(config)));
         Ok(adapt.then_some(Self { accepted, rate, initial }))
+    }
+}
+
+/// The threshold before the first attempt.
+pub fn initial_threshold(config: &Config) -> f32 {
+    let usual = 1.0 - config.accepted_risk.unwrap_or(ACCEPTED_RISK);
+    config.initial_threshold.unwrap_or(usual)
+}
+
+impl Adaptation {
+    /// The share of attempts that may fail; `None` where the user set a budget of steps.
+    pub fn accepted_risk(&self) -> Option<f64> {
+        match self.accepted {
+            Accepted::Share(share) => Some(share),
+            Accepted::PerStep(_) => None,
+        }
     }
 }
 
@@ -116,14 +135,20 @@ impl History {
         self.last_step.get_or_insert(step);
     }
 
-    /// Takes note of an attempt: θ ← θ + η (failed − accepted), at least 0, at most 1, and after a failure at least θ₀.
+    /// Takes note of an attempt: θ ← θ + η (failed − accepted), at least 0, at most 1, and after a failure at least θ₀. Below
+    /// θ₀ it comes down by a share of itself, so that the further it goes the more successes it takes.
     pub fn record(&mut self, attempt: &ObservedAttempt, adaptation: Option<&Adaptation>) {
         let failed = u8::from(!attempt.succeeded);
         let steps = attempt.step.saturating_sub(self.last_step.unwrap_or(attempt.step));
         if let Some(Adaptation { accepted, rate, initial }) = adaptation {
-            let moved = self.threshold + rate * (f64::from(failed) - accepted.share(steps));
-            let least = if attempt.succeeded { 0.0 } else { *initial };
-            self.threshold = moved.clamp(least, 1.0);
+            let share = accepted.share(steps);
+            self.threshold = if !attempt.succeeded {
+                (self.threshold + rate * (1.0 - share)).clamp(*initial, 1.0)
+            } else if self.threshold > *initial {
+                (self.threshold - rate * share).max(*initial)
+            } else {
+                self.threshold * (1.0 - rate * share.min(SLOWEST))
+            };
         }
         self.last_step = Some(attempt.step);
         self.attempts += 1;

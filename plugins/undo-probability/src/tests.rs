@@ -170,25 +170,36 @@ fn every_setting_out_of_range_or_without_effect_is_refused() {
 #[test]
 fn each_outcome_moves_the_threshold_by_what_was_not_accepted() {
     for (config, outcomes, expected) in [
-        ("()", &[true][..], 0.8 - 0.05 * 0.05),
-        ("()", &[false], 0.8 + 0.05 * 0.95),
+        ("()", &[][..], 0.8),
+        ("(accepted_risk: 0.1)", &[], 0.9),
+        ("(hard_resets_per_1000: 2.0)", &[], 0.8),
+        ("()", &[false], 0.8 + 0.05 * 0.8),
+        ("()", &[false, true], 0.8 + 0.05 * 0.6),
         ("(accepted_risk: 0.4, adaptation_rate: 0.5, initial_threshold: 0.5)", &[false], 0.5 + 0.5 * 0.6),
-        ("(accepted_risk: 0.2, adaptation_rate: 1.0)", &[false, true, true], 0.6),
+        // Above its beginning it comes down as fast as the accepted risk says, and not further; below by a share of itself.
+        ("(accepted_risk: 0.2, adaptation_rate: 1.0)", &[false, true], 0.8),
+        ("()", &[true, true], 0.8 * 0.9975 * 0.9975),
+        ("(accepted_risk: 0.01, initial_threshold: 0.5)", &[true], 0.5 * 0.9995),
         ("(initial_threshold: 0.0)", &[true], 0.0),
         ("(adapt: false)", &[false, false, true], 0.8),
-        // However far it had come down, a failure brings it back to its beginning.
-        ("(accepted_risk: 0.2, adaptation_rate: 0.1)", &[true, true, true, true, true, false], 0.8),
         ("()", &[false, false, false, false, false], 1.0),
     ] {
         let mut rule = rule(config);
         end_attempts(&mut rule, outcomes);
         assert!((rule.threshold() - expected).abs() < 1e-6, "{config}: {}", rule.threshold());
     }
+    // However far it had come down, a failure brings it back to its beginning.
+    let mut rule = rule("()");
+    end_attempts(&mut rule, &[true; 400]);
+    assert!(rule.threshold() < 0.3, "{}", rule.threshold());
+    end_attempts(&mut rule, &[false]);
+    assert!((rule.threshold() - 0.8).abs() < 1e-6, "{}", rule.threshold());
 }
 
 #[test]
 fn a_budget_accepts_failures_by_the_steps_since_the_last_attempt() {
     let mut rule = rule("(hard_resets_per_1000: 4.0)");
+    let slowest = 0.8 * (1.0 - 0.05 * 0.05);
     let mut expect = |step: u64, succeeded: bool, moved: f64| {
         rule.observe(&ObservedDecision { step: step - 100, aborted: false, action: &[0.0] }).unwrap();
         let before = rule.threshold();
@@ -200,11 +211,12 @@ fn a_budget_accepts_failures_by_the_steps_since_the_last_attempt() {
         );
     };
     // The first decision was made at step 100: 100 steps, of which each accepts 0.004 failures.
-    expect(200, true, -0.05 * 0.4);
+    expect(200, true, slowest - 0.8);
     expect(350, false, 0.05 * (1.0 - 0.6));
+    expect(450, false, 0.05 * (1.0 - 0.4));
     // More than one failure per attempt there cannot be.
-    expect(1350, false, 0.0);
-    expect(1350, true, 0.0);
+    expect(1450, false, 0.0);
+    expect(1450, true, 0.0);
     // A host whose steps begin anew.
     expect(150, true, 0.0);
 }

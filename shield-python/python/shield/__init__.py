@@ -3,11 +3,26 @@
     import gymnasium, shield
     env = shield.ShieldedEnv(gymnasium.make("InvertedPendulum-v5"))
 
-`ShieldedEnv` is a Gymnasium wrapper; `Shield` is for a loop of your own.
+`ShieldedEnv` is a Gymnasium wrapper; `Shield` is for a loop of your own; `doctor` says before any training whether a shield can help.
 """
 
 from ._core import ConfigError, ShieldError, __version__, usual_config
+from ._doctor import Check, Checkup, doctor
 from ._env import ShieldedEnv
-from ._shield import Decision, Shield
+from ._report import Report
+from ._shield import Decision, Shield, ShieldWarning
 
-__all__ = ["ConfigError", "Decision", "Shield", "ShieldError", "ShieldedEnv", "__version__", "usual_config"]
+__all__ = [
+    "Check",
+    "Checkup",
+    "ConfigError",
+    "Decision",
+    "Report",
+    "Shield",
+    "ShieldError",
+    "ShieldWarning",
+    "ShieldedEnv",
+    "__version__",
+    "doctor",
+    "usual_config",
+]

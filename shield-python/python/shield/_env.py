@@ -13,9 +13,9 @@ import gymnasium
 from gymnasium.utils import RecordConstructorArgs
 
 from ._core import ConfigError
-from ._report import figures_of, text_of
+from ._report import Report, report
 from ._settings import Settings
-from ._shield import Decision, Shield, told
+from ._shield import Decision, Shield, answer_of
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -37,9 +37,10 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     Three arguments are its own:
 
     - `abort_reward`: the reward of a step that was aborted.
-    - `calibration_resets`: before the first step the environment is reset so many more times, so that the reset task sees how far its starts scatter. In a simulator 20
-      are cheap; on a robot each is a hard reset by a person. They are not counted.
-    - `is_irreversible(observation)` says, as a bool, whether nobody can get back from there. It changes nothing; entries into such states are counted, whoever acted.
+    - `calibration_resets`: before the first step the environment is reset so many times more, so that the reset task sees how far the starts scatter. They are not
+      counted. In a simulator 20 are cheap; on a robot each is a hard reset by a person.
+    - `is_irreversible(observation)` says, as a bool, whether something happened that cannot be undone, such as a fall. It changes nothing; `metrics` and `report`
+      count how often it begins to be so, in the steps of both agents.
 
     The other arguments are those of `Shield`, where each is explained; `episode_length` is the time limit of the environment if it has one and there is no
     `config`.
@@ -58,8 +59,8 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         **settings: Unpack[Settings],
     ) -> None:
         settings |= {"reset_reward": reset_reward, "in_reset_set": in_reset_set, "config": config}
-        own = {"calibration_resets": calibration_resets, "is_irreversible": is_irreversible}
-        RecordConstructorArgs.__init__(self, _disable_deepcopy=True, abort_reward=abort_reward, **own, **settings)
+        own = {"abort_reward": abort_reward, "calibration_resets": calibration_resets, "is_irreversible": is_irreversible}
+        RecordConstructorArgs.__init__(self, _disable_deepcopy=True, **own, **settings)
         if is_irreversible is not None and not callable(is_irreversible):
             raise TypeError(f"is_irreversible is {is_irreversible!r}, not a function of an observation")
         env, self._limit = without_time_limits(env)
@@ -71,14 +72,15 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         self.shield = Shield(env.observation_space, env.action_space, **settings)
         self._observation: Any = None
         self._is_irreversible = is_irreversible
-        self._calibration_resets = self._checked_calibration_resets(calibration_resets)
+        self._calibration_resets = self._checked(calibration_resets)
 
-    def _checked_calibration_resets(self, number: int) -> int:
+    def _checked(self, calibration_resets: int) -> int:
+        number = calibration_resets
         if isinstance(number, bool) or not isinstance(number, numbers.Integral) or number < 0:
             raise ConfigError(f"calibration_resets={number!r}: it is a whole number, 0 or more")
-        if number and self.shield.is_told:
-            remedy = "leave it out: reset_reward and in_reset_set already say what \"reset\" means"
-            raise ConfigError(f"calibration_resets={number!r}: there is no reset task that would learn from them; {remedy}")
+        if number and not self.shield.has_reset_task:
+            remedy = 'leave it out, since reset_reward and in_reset_set already say what "reset" means'
+            raise ConfigError(f"calibration_resets={number!r}: there is no reset task that learns from starts; {remedy}")
         return int(number)
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
@@ -92,9 +94,9 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             raise gymnasium.error.ResetNeeded(self._why_not())
         decision = shield.decide(action)
         if not decision.allowed:
-            return self._observation, self.abort_reward, False, True, {"shield": report(decision, shield.no_action)}
+            return self._observation, self.abort_reward, False, True, {"shield": explained(decision, shield.no_action)}
         observation, reward, terminated, truncated, info = self._execute(decision.action)
-        info["shield"] = report(decision, decision.action)
+        info["shield"] = explained(decision, decision.action)
         is_over = self._limit is not None and shield.episode_length >= self._limit
         return observation, reward, terminated, truncated or is_over, info
 
@@ -114,7 +116,7 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         self._calibrate(seed, options)
         if shield.placed:
             # If the environment's own reset raises, another must follow.
-            shield.require_hard_reset()
+            shield.require_hard_reset(requested=True)
         observation, info = self.env.reset(seed=seed, options=options)
         info = {**info, "shield": {"hard_reset": True, "steps": steps}}
         shield.hard_reset_done(observation)
@@ -142,15 +144,13 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             counted["irreversible_entries"] = float(self.shield.irreversible_entries)
         return counted
 
-    def report(self, *, as_dict: bool = False) -> str | dict[str, Any]:
-        """Says in a few lines what the shield has done so far, what it cost, and whether it helps.
+    def report(self) -> Report:
+        """Whether the shield helped so far: print it, or look its figures up by name."""
+        return report(self.metrics(), self.findings(), self.shield.resetting, self._limit)
 
-        `as_dict` gives the figures by name; those that are not known are None.
-        """
-        shield = self.shield
-        risk = shield.accepted_risk, shield.accepted_hard_resets_per_1000
-        figures = figures_of(self.metrics(), *risk, self._limit)
-        return figures if as_dict else text_of(figures)
+    def findings(self) -> list[tuple[str, str]]:
+        """What keeps the shield from helping, as `Shield.findings`."""
+        return self.shield.findings()
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes everything that the shield has learned and counted into a file, as `Shield.save`."""
@@ -171,8 +171,10 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     def _execute(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
         try:
             observation, reward, terminated, truncated, info = self.env.step(action)
-            irreversible = self._is_irreversible is not None and told("is_irreversible", self._is_irreversible(observation))
-            self.shield.observe(observation, terminated=bool(terminated), irreversible=irreversible)
+            is_irreversible = self._is_irreversible is not None and answer_of(
+                "is_irreversible", self._is_irreversible(observation)
+            )
+            self.shield.observe(observation, terminated=bool(terminated), irreversible=is_irreversible)
             truncated, info = bool(truncated), dict(info)
             if truncated:
                 # It has ended its episode by itself, and does not promise to go on from here.
@@ -198,12 +200,14 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             return "call reset() before step()"
         if self.shield.hard_reset_due == "lost":
             return "the last step was interrupted, so that it is not known where the environment stands: call reset()"
+        if self.shield.hard_reset_due == "requested":
+            return "the last reset did not come to its end: call reset()"
         if self.shield.resetting:
             return "the last action was aborted: call reset(), which lets the reset agent undo what was done"
         return "the environment has ended, or the reset agent has given up: call reset()"
 
 
-def report(decision: Decision, executed: Any) -> dict[str, Any]:
+def explained(decision: Decision, executed: Any) -> dict[str, Any]:
     return {
         "verdict": decision.verdict,
         "proposed": decision.proposed,
@@ -240,6 +244,16 @@ def without_time_limits(env: gymnasium.Env[Any, Any]) -> tuple[gymnasium.Env[Any
         else:
             outer = outer.env
     return env, min(limits, default=None)
+
+
+def time_limit(env: gymnasium.Env[Any, Any]) -> int | None:
+    """The shortest limit of the wrappers that end episodes by the clock; they stay."""
+    limits: list[int] = []
+    while isinstance(env, gymnasium.Wrapper):
+        if isinstance(env, gymnasium.wrappers.TimeLimit):
+            limits.append(steps_of(env))
+        env = env.env
+    return min(limits, default=None)
 
 
 def steps_of(limit: gymnasium.wrappers.TimeLimit[Any, Any]) -> int:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 import os
 import pathlib
+import warnings
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
 
 from ._core import Core, written_at
-from ._settings import Settings, accepted_risk_of, overrides, overrides_of_first_rule, refuse_unknown
+from ._settings import Settings, overrides, overrides_of_first_rule, refuse_unknown
 from ._spaces import Floats, Observations, actions
 
 if TYPE_CHECKING:
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 #: With a reset reward alone, a state that is worth more than this is in the reset set (the paper, appendix C).
 RESET_SET_ABOVE = 0.7
 
-_PLUGINS = pathlib.Path(__file__).parent / "plugins"
+PLUGINS = pathlib.Path(__file__).parent / "plugins"
 
 
 class Decision(NamedTuple):
@@ -50,23 +51,88 @@ class Decision(NamedTuple):
         return self.verdict in ("allow", "warm_up", "project")
 
 
+NO_MEANING = (
+    'nothing says what "reset" means: give reset_reward or in_reset_set, or name a `reset_task` in the configuration'
+)
+
+
+class Meaning:
+    """What "reset" means, as functions of an observation say it."""
+
+    def __init__(self, settings: Settings) -> None:
+        reset_reward, in_reset_set = settings.get("reset_reward"), settings.get("in_reset_set")
+        for name, function in (("reset_reward", reset_reward), ("in_reset_set", in_reset_set)):
+            if function is not None and not callable(function):
+                raise TypeError(f"{name} is {function!r}, not a function of an observation")
+        self._reset_reward, self._in_reset_set = reset_reward, in_reset_set
+        #: Whether there is such a function.
+        self.is_told = reset_reward is not None or in_reset_set is not None
+
+    def signal(self, observation: Any) -> tuple[float, bool] | None:
+        """Reset reward, and whether it counts as reset; None where a reset task says so."""
+        if not self.is_told:
+            return None
+        if self._reset_reward is None:
+            is_reset = self._is_reset(observation)
+            return float(is_reset), is_reset
+        reward = self._reset_reward(observation)
+        try:
+            # Unlike `float`, it reads no text.
+            is_finite = math.isfinite(reward)
+        except (TypeError, ValueError) as error:
+            raise TypeError(f"reset_reward gave {reward!r}, not a number") from error
+        if not is_finite:
+            raise ValueError(f"reset_reward gave {reward}, which is not finite")
+        reward = float(reward)
+        if self._in_reset_set is None:
+            return reward, reward > RESET_SET_ABOVE
+        return reward, self._is_reset(observation)
+
+    def _is_reset(self, observation: Any) -> bool:
+        assert self._in_reset_set is not None
+        return answer_of("in_reset_set", self._in_reset_set(observation))
+
+
+def answer_of(name: str, answer: Any) -> bool:
+    """The answer of a function of the user's that gives a bool; TypeError for any other."""
+    try:
+        # Of numpy or torch.
+        bare = answer.item()
+    except (AttributeError, RuntimeError, ValueError):
+        bare = answer
+    if not isinstance(bare, bool):
+        raise TypeError(f"{name} gave {answer!r}, not a bool")
+    return bare
+
+
+class ShieldWarning(UserWarning):
+    """Something keeps the shield from helping; the text says what was seen and what to do."""
+
+    def __init__(self, message: str, name: str = "") -> None:
+        super().__init__(message)
+        #: The name of the finding, such as `starts-outside`.
+        self.name = name
+
+
 class Shield:
     """Decides before every action whether it could be undone, and learns to undo.
 
     Each step: `filter` the proposed action, execute `decision.action`, `observe` where it led. After an abort the reset agent is in charge (`resetting`),
     and `filter` gives its actions, until its episode is over. Where `needs_hard_reset`, nothing may move before `hard_reset_done`.
 
+    What keeps the shield from helping is told once each, as a `ShieldWarning`.
+
     The arguments; None leaves what the configuration says:
 
     - `reset_reward(observation)` is large, up to 1, where the environment is as at its start; `in_reset_set(observation)` says, as a bool, whether it is. One is
-      enough, and without either the reset task of the configuration decides: nearness to the observed starts.
+      enough, and without either the reset task of the configuration decides: likeness to the observed starts.
     - `config`: a RON file; without one, `usual_config(is_discrete)`.
     - `tensorboard`: a folder for an event file with counts and the reset agent's figures.
-    - `accepted_risk`: the share of attempts to reset that may fail (0.05), for the rule `undo-probability`, which must be the first. A smaller one makes
-      the shield stricter.
-    - `q_min`: the least value at which an action is executed, for a first rule that has one, such as `ensemble-threshold`, in the rule's terms; where it
+    - `accepted_risk`: the share of attempts to reset that may fail (0.2), for the rule `undo-probability`, which must be the first. With a smaller
+      one the shield is stricter.
+    - `q_min`: the least reset value at which an action is executed, for a first rule that compares them, such as `ensemble-threshold`; where that
       has a schedule, what it grows to. The usual configuration has no such rule.
-    - `warm_up_steps`: in the first so many steps (1,000) a rule that needs the reset agent's values is not asked. The usual rule has no warm-up.
+    - `warm_up_steps`: in the first so many steps (1,000) no rule that needs reset values is asked; the usual one needs none.
     - `reset_attempts`: failures in a row (1) after which the reset agent gives up; "Unlimited" is never.
     - `episode_length`: steps (500) after which an episode of the reset agent has failed.
     - `updates_per_step`: how often the reset agent learns after each step; 0 is never.
@@ -79,34 +145,22 @@ class Shield:
         self, observation_space: spaces.Space[Any], action_space: spaces.Space[Any], **settings: Unpack[Settings]
     ) -> None:
         refuse_unknown(settings)
-        reset_reward, in_reset_set = settings.get("reset_reward"), settings.get("in_reset_set")
         config = settings.get("config")
-        for name, function in (("reset_reward", reset_reward), ("in_reset_set", in_reset_set)):
-            if function is not None and not callable(function):
-                raise TypeError(f"{name} is {function!r}, not a function of an observation")
-        self._reset_reward, self._in_reset_set = reset_reward, in_reset_set
-        #: Whether functions say what "reset" means, and no reset task.
-        self.is_told = reset_reward is not None or in_reset_set is not None
+        self._meaning = Meaning(settings)
         self._observations, self._actions = Observations(observation_space), actions(action_space)
         low, high = self._observations.low.tolist(), self._observations.high.tolist()
 
         sets = overrides(settings)
-        if self.is_told:
+        if self._meaning.is_told:
             sets.insert(0, ("reset_task", "None", "reset_reward and in_reset_set"))
-
-        def written(path: str) -> str | None:
-            return written_at(config, isinstance(action_space, spaces.Discrete), sets, path)
-
         # Last, for an override may have put another rule there.
-        sets += overrides_of_first_rule(settings, written)
-        self._core = Core((low, high), self._actions.form, config, sets, _PLUGINS, settings.get("tensorboard"))
-        #: The share of attempts that may fail, and how many hard resets per 1,000 steps, as the first rule accepts them; None where it does not.
-        self.accepted_risk, self.accepted_hard_resets_per_1000 = accepted_risk_of(written)
-        if not self.is_told and not self._core.has_reset_task:
-            raise ValueError(
-                'nothing says what "reset" means: give reset_reward or in_reset_set, or name a `reset_task` in the'
-                " configuration"
-            )
+        is_discrete = isinstance(action_space, spaces.Discrete)
+        sets += overrides_of_first_rule(settings, lambda path: written_at(config, is_discrete, sets, path))
+        self._core = Core((low, high), self._actions.form, config, sets, PLUGINS, settings.get("tensorboard"))
+        if not self._meaning.is_told and not self._core.has_reset_task:
+            raise ValueError(NO_MEANING)
+        #: How many findings were told.
+        self._told = 0
         self._seen: Floats = self._observations.empty()
         self._buffer: Floats = np.zeros(self._actions.length, np.float32)
 
@@ -153,49 +207,40 @@ class Shield:
         """
         try:
             self._observations.write(observation, self._seen)
-            self._core.observe(self._seen, self._signal(observation), terminated, irreversible)
+            found = self._core.observe(self._seen, self._meaning.signal(observation), terminated, irreversible)
         except BaseException:
             self.require_hard_reset()
             raise
+        if found > self._told:
+            self._tell()
 
     def hard_reset_done(self, observation: Any) -> None:
         """Everything is at its start, by a person's or the environment's doing. If it raises, a hard reset is still needed."""
-        self.require_hard_reset()
+        self.require_hard_reset(requested=True)
         self._observations.write(observation, self._seen)
         # What says what "reset" means fails here rather than after an action.
-        self._signal(observation)
-        self._core.hard_reset_done(self._seen)
+        signal = self._meaning.signal(observation)
+        if self._core.hard_reset_done(self._seen, signal and signal[1]) > self._told:
+            self._tell()
 
-    def _signal(self, observation: Any) -> tuple[float, bool] | None:
-        if not self.is_told:
-            return None
-        if self._reset_reward is None:
-            is_reset = self._is_reset(observation)
-            return float(is_reset), is_reset
-        reward = self._reset_reward(observation)
-        try:
-            # Unlike `float`, it reads no text.
-            is_finite = math.isfinite(reward)
-        except (TypeError, ValueError) as error:
-            raise TypeError(f"reset_reward gave {reward!r}, not a number") from error
-        if not is_finite:
-            raise ValueError(f"reset_reward gave {reward}, which is not finite")
-        reward = float(reward)
-        if self._in_reset_set is None:
-            return reward, reward > RESET_SET_ABOVE
-        return reward, self._is_reset(observation)
+    def _tell(self) -> None:
+        """Warns of what was found since the last time."""
+        new = self._core.findings(self._told)
+        self._told += len(new)
+        for name, text in new:
+            warnings.warn(ShieldWarning(f"{text} [{name}]", name), stacklevel=3)
 
-    def _is_reset(self, observation: Any) -> bool:
-        assert self._in_reset_set is not None
-        return told("in_reset_set", self._in_reset_set(observation))
+    def findings(self) -> list[tuple[str, str]]:
+        """What keeps the shield from helping, as far as it was found: name and sentence, the earliest first. Each was a `ShieldWarning`, too."""
+        return self._core.findings(0)
 
     def begin_reset(self) -> bool:
         """Hands over to the reset agent although nothing was aborted: the task is done. Returns whether it is in charge."""
         return self._core.begin_reset()
 
-    def require_hard_reset(self, *, has_ended: bool = False) -> None:
-        """Nothing may move before `hard_reset_done`: the environment has ended, or where it stands is not known."""
-        self._core.require_hard_reset(has_ended)
+    def require_hard_reset(self, *, has_ended: bool = False, requested: bool = False) -> None:
+        """Nothing may move before `hard_reset_done`: the environment has ended, somebody wants a hard reset, or where it stands is not known."""
+        self._core.require_hard_reset(has_ended, requested)
 
     @property
     def placed(self) -> bool:
@@ -209,8 +254,8 @@ class Shield:
 
     @property
     def hard_reset_due(self) -> str:
-        """Why a hard reset is needed: `cycle_over` (the reset agent has given up), `terminated`, or `lost` (where the environment stands is not
-        known); empty if none is."""
+        """Why a hard reset is needed: `cycle_over` (the reset agent has given up), `terminated`, `requested` (by the caller), or `lost` (where the
+        environment stands is not known); empty if none is."""
         return self._core.hard_reset_due
 
     @property
@@ -227,6 +272,11 @@ class Shield:
     def needs_hard_reset(self) -> bool:
         """Whether the reset agent has given up, or the environment has ended."""
         return self._core.needs_hard_reset
+
+    @property
+    def has_reset_task(self) -> bool:
+        """Whether a reset task says what "reset" means, and no function."""
+        return self._core.has_reset_task
 
     @property
     def irreversible_entries(self) -> int:
@@ -246,15 +296,4 @@ class Shield:
         """Goes on from a file of a shield with the same spaces, reset agent, rules and reset task, whatever the rules' settings and the capacity of the
         experience (of more transitions than there is room for, the newest stay); a hard reset is needed then, also if it raises."""
         self._core.load(path)
-
-
-def told(name: str, answer: Any) -> bool:
-    """The answer of a function of the user's that gives a bool. Raises TypeError if it is none."""
-    try:
-        # Of numpy or torch.
-        bare = answer.item()
-    except (AttributeError, RuntimeError, ValueError):
-        bare = answer
-    if not isinstance(bare, bool):
-        raise TypeError(f"{name} gave {answer!r}, not a bool")
-    return bare
+        self._told = len(self._core.findings(0))

@@ -1,9 +1,11 @@
 //! The command `shield`: arguments in, exit code out.
 
+mod doctor;
 mod env;
 mod eval;
 mod explain;
 mod export;
+mod findings;
 mod output;
 mod plugin;
 mod progress;
@@ -37,6 +39,7 @@ Examples:
   shield run examples/quickstart.ron                       run every variant with every seed
   shield run examples/gridworld.ron --seeds 0 --variants q_min-0.4
   shield run my.ron --set shield.rules[0].config.q_min=5 --out elsewhere
+  shield doctor my.ron                                     can a shield help here? Before any training
   shield resume runs/quickstart                            go on with what was stopped or killed
   shield explain runs/mine/shielded/seed-0 --step 1234     why an action was rejected
   shield what-if runs/mine/shielded/seed-0 --risk 0.1,0.2  what another accepted risk would have rejected
@@ -57,6 +60,8 @@ Exit codes: 0 done, 1 a run failed, 2 the input is wrong, 130 stopped by Ctrl-C.
 enum Command {
     /// Runs an experiment: every variant with every seed. What is finished is kept, what was stopped goes on.
     Run(run::RunArguments),
+    /// Says whether a shield can help in an environment, before training, or what kept one from helping in a run.
+    Doctor(doctor::DoctorArguments),
     /// Goes on with the runs of a folder that were stopped or killed, as if they had never been.
     Resume(resume::ResumeArguments),
     /// Says why the shield rejected an action: rule, probabilities, members, threshold, and what projection tried.
@@ -132,6 +137,7 @@ fn main() -> ExitCode {
     let registry = Registry::scan(&SearchPath::from_environment());
     let done = match &arguments.command {
         Command::Run(arguments) => run::run(arguments, &registry),
+        Command::Doctor(arguments) => doctor::doctor(arguments, &registry),
         Command::Resume(arguments) => resume::run(arguments, &registry),
         Command::Explain(arguments) => explain::explain(arguments),
         Command::WhatIf(arguments) => what_if::what_if(arguments, &registry),

@@ -18,7 +18,7 @@ use shield_host::plugin::Registry;
 use shield_lab::run::{Identity, Order, Prepared, RunFolder, Standing, Summary};
 use shield_report::report::Record;
 
-use super::{Failure, output, progress::Progress, table};
+use super::{Failure, findings, output, progress::Progress, table};
 
 /// A run that somebody asked for.
 pub struct Job {
@@ -110,6 +110,7 @@ impl<'a> Session<'a> {
             if let Some(attempts) = table::attempts(&names, &summaries) {
                 output::note(attempts);
             }
+            findings::notes(&names, &summaries).iter().for_each(output::note);
         }
         if !failures.is_empty() {
             let list = failures.join("\n  ");

@@ -120,7 +120,7 @@ impl Workshop<'_> {
             .map(|experience| experience.with_abort_lifetime(config.abort_lifetime))
             .and_then(|experience| match success {
                 None => Ok(experience),
-                Some(critic) => experience.with_undo(config.undo(critic.info().members)),
+                Some(_) => experience.with_undo(config.undo()),
             })
             .map_err(|error| self.refused("experience.capacity", &error))?;
         Ok(Memory { experience, masks: self.generator(Stream::Masks) })

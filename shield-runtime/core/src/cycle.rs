@@ -29,6 +29,7 @@ use crate::{
     agent::{Agent, ForwardAgent},
     critic::Critic,
     decision::Cause,
+    diagnosis::Diagnosis,
     events::{Counters, EpisodeEnd, EpisodeEvent, Tally},
     experience::{AgentRole, Experience},
     settings::{BetweenAttempts, Mode},
@@ -67,6 +68,8 @@ pub enum HardResetDue {
     Terminated,
     /// Where the environment stands is not known.
     Lost,
+    /// The caller wants one although none was due.
+    Requested,
 }
 
 impl HardResetDue {
@@ -76,6 +79,7 @@ impl HardResetDue {
             Self::CycleOver => "cycle_over",
             Self::Terminated => "terminated",
             Self::Lost => "lost",
+            Self::Requested => "requested",
         }
     }
 }
@@ -111,6 +115,8 @@ pub struct ResetCycle {
     values: Vec<f32>,
     /// What the plugins have reported.
     metrics: Metrics,
+    /// What keeps the shield from helping.
+    diagnosis: Diagnosis,
 }
 
 impl ResetCycle {
@@ -146,6 +152,7 @@ impl ResetCycle {
             action,
             has_previous: false,
             values: Vec::new(),
+            diagnosis: Diagnosis::default(),
         }
     }
 
@@ -178,6 +185,9 @@ impl ResetCycle {
         let is_success = role == AgentRole::Reset && !is_unknown && end != EpisodeEnd::Terminated;
         let has_reset = is_success && self.passes_reset_test(&tally);
         let attempt = self.note_outcome(&tally, end, has_reset);
+        if !end.is_cut() && self.is_shielded() {
+            self.diagnosis.episode(role, &tally, end, has_reset);
+        }
         self.counters.worker_restarts += u64::from(end == EpisodeEnd::WorkerLost);
         let is_over = match (&self.settings.mode, role) {
             (Mode::Shielded, AgentRole::Reset) => self.close_attempt(end, has_reset),
@@ -194,6 +204,7 @@ impl ResetCycle {
             _ => is_over.then_some(HardResetDue::CycleOver),
         };
         if let Some(cause) = cause {
+            self.diagnosis.hard_reset_due(cause, true);
             self.require_hard_reset(cause);
         }
         EpisodeEvent {
@@ -238,6 +249,7 @@ impl ResetCycle {
 
     /// Nothing may move before a hard reset.
     pub fn require_hard_reset(&mut self, cause: HardResetDue) {
+        self.diagnosis.hard_reset_due(cause, false);
         self.hard_reset_due = Some(cause);
         self.is_pending = false;
         self.turn = first_turn(&self.settings.mode);
@@ -261,10 +273,29 @@ impl ResetCycle {
         self.hard_reset_due = None;
         self.turn = first_turn(&self.settings.mode);
         self.episode = None;
+        if self.is_shielded() {
+            self.diagnosis.placed(!self.is_placed);
+        }
         self.is_placed = true;
         (self.since_reset, self.was_irreversible) = (SinceReset::default(), false);
         self.begin_to_measure();
         (self.has_previous, self.is_pending) = (false, false);
+    }
+}
+
+impl ResetCycle {
+    /// What keeps the shield from helping, as far as it was found.
+    pub fn diagnosis(&self) -> &Diagnosis {
+        &self.diagnosis
+    }
+
+    /// Whether the start at which everything was placed last counts as reset, where the caller knows.
+    pub fn note_start(&mut self, is_inside: bool) {
+        self.diagnosis.start(is_inside);
+    }
+
+    fn is_shielded(&self) -> bool {
+        self.parts.ladder.is_some()
     }
 }
 

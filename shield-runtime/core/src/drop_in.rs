@@ -19,6 +19,7 @@ use self::metrics::EpisodeMetrics;
 use crate::{
     cycle::{HardResetDue, ResetCycle},
     decision::{Cause, Decision},
+    diagnosis::Finding,
     events::Counters,
     experience::AgentRole,
     shield::{Judgement, Ladder, write_safe},
@@ -112,7 +113,16 @@ impl DropIn {
     /// # Errors
     /// The observation is invalid, or the reset task failed. Then a hard reset is still needed.
     pub fn hard_reset_done(&mut self, observation: &[f32]) -> Result<()> {
-        self.cycle.require_hard_reset(HardResetDue::Lost);
+        self.hard_reset_done_at(observation, None)
+    }
+
+    /// As [`hard_reset_done`](Self::hard_reset_done), where the caller says whether this start counts as reset, as in the signals of
+    /// [`observe`](Self::observe). Only [`findings`](Self::findings) depend on it.
+    ///
+    /// # Errors
+    /// As for [`hard_reset_done`](Self::hard_reset_done).
+    pub fn hard_reset_done_at(&mut self, observation: &[f32], is_inside: Option<bool>) -> Result<()> {
+        self.cycle.require_hard_reset(self.cycle.hard_reset_due().unwrap_or(HardResetDue::Requested));
         check_finite("the observation after a reset", observation, self.observation.len())?;
         if let Some(task) = &mut self.task {
             self.cycle.metrics().collect(|| task.observe_start(observation))?;
@@ -121,6 +131,9 @@ impl DropIn {
             self.cycle.count_hard_reset(1.0, true);
         }
         self.cycle.placed();
+        if let Some(is_inside) = is_inside {
+            self.cycle.note_start(is_inside);
+        }
         self.metrics.episode_is_over(self.cycle.counters(), None)
     }
 
@@ -349,6 +362,12 @@ impl DropIn {
     /// Everything that was counted; what only an environment plugin knows stays 0.
     pub fn counters(&self) -> &Counters {
         self.cycle.counters()
+    }
+
+    /// What keeps the shield from helping, as far as it was found, the earliest first: each once, with what was seen and what to do. They only
+    /// grow in number, so that a caller tells a person of those beyond the ones that it knows.
+    pub fn findings(&self) -> impl Iterator<Item = &Finding> {
+        self.cycle.diagnosis().findings()
     }
 
     /// Mean of the reset ensemble's values of the action that was proposed last; NaN if no rule needed them.

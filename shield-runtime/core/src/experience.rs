@@ -278,10 +278,10 @@ impl Experience {
         let room = self.capacity as u64;
         let first = kept.start.max(kept.end.saturating_sub(room));
         let forgotten = (first - kept.start) as usize * self.row_bytes();
-        let count = kept.end - first;
-        let kept = if count < room { 0..count } else { first..kept.end };
+        let (end, count) = (kept.end, kept.end - first);
+        let kept = if count < room { 0..count } else { first..end };
         if let Some(undo) = &mut self.undo {
-            undo.renumber(first - kept.start);
+            undo.renumber(first..end, first - kept.start);
         }
         self.expect_rows(kept.clone());
         self.read_rows(kept.start, &rows[forgotten..]);

@@ -139,7 +139,7 @@ impl<E: Environment> Shielded<E> {
     }
 
     fn place(&mut self, start: Option<&str>, seed: u64) -> Result<()> {
-        self.inside.require_hard_reset(HardResetDue::Lost);
+        self.inside.require_hard_reset(self.inside.hard_reset_due().unwrap_or(HardResetDue::Requested));
         self.world.hard_reset(start, seed)?;
         self.inside.hard_reset_done(self.world.observation())
     }

@@ -188,6 +188,11 @@ impl<E: Environment + ?Sized> World<E> {
         }
     }
 
+    /// The task that says what "reset" means; `None` where the environment says it itself.
+    pub fn reset_task(&mut self) -> Option<&mut (dyn ResetTask + 'static)> {
+        self.reset_task.as_deref_mut()
+    }
+
     /// Executes an action of the action space; refuses every other, whoever proposed it.
     ///
     /// # Errors

@@ -18,6 +18,7 @@ use crate::{
 };
 use shield_core::{
     cycle::{CycleParts, HardResetDue, ResetCycle},
+    diagnosis::Found,
     events::{Counters, EpisodeEnd, EpisodeEvent, HardReset},
     experience::AgentRole,
     settings::Mode,
@@ -82,6 +83,11 @@ impl<'a> JointLoop<'a> {
     /// What the run has counted so far.
     pub fn counters(&self) -> &Counters {
         self.cycle.counters()
+    }
+
+    /// What kept the shield from helping so far, the earliest first.
+    pub fn findings(&self) -> impl Iterator<Item = &Found> {
+        self.cycle.diagnosis().found()
     }
 
     /// Runs until the steps are used up or `stop` is set; returns whether it was stopped.

@@ -28,4 +28,4 @@ pub use launch::{Launch, Order, Restored, Standing, of_folder, restore};
 pub use new_folder::NewFolder;
 pub use recorder::{Recorder, RecorderState};
 pub use replay::{Replay, replay};
-pub use summary::{Identity, Summary};
+pub use summary::{FoundInRun, Identity, Summary};

@@ -1,6 +1,8 @@
 //! A small world and scripted agents, so that each test can say what happens at every step.
 #![allow(dead_code, clippy::unwrap_used, reason = "part of tests, each of which uses some of it")]
 
+pub mod critic;
+
 use std::{
     sync::{Arc, Mutex, atomic::AtomicBool},
     time::Duration,
@@ -14,6 +16,7 @@ use shield_api::{
 };
 use shield_runtime::{
     agent::{Agent, ForwardAgent},
+    critic::Critic,
     cycle::{CycleParts, CycleSettings, Memory},
     evaluation::Evaluator,
     events::{Counters, EpisodeEvent, EvaluationEvent, Intervention},
@@ -262,6 +265,7 @@ pub struct Scene {
     pub line: Line,
     pub forward: Option<ForwardAgent>,
     pub reset: Option<Scripted>,
+    pub success: Option<Critic>,
     pub rules: Vec<Box<dyn AbortRule>>,
     pub warm_up_steps: u64,
     pub projection: Option<ProjectionConfig>,
@@ -286,7 +290,7 @@ pub fn forward_learner(learner: Scripted) -> Option<ForwardAgent> {
     Some(ForwardAgent::Learner(Box::new(agent(AgentRole::Forward, learner))))
 }
 
-fn agent(role: AgentRole, learner: Scripted) -> Agent {
+pub fn agent(role: AgentRole, learner: Scripted) -> Agent {
     Agent::new(role, Box::new(learner), 1, &spaces(), Pcg64::seed_from_u64(1))
 }
 
@@ -298,6 +302,7 @@ impl Scene {
             line: Line::new(),
             forward: forward_learner(Scripted::acting(|_, _| 1.0)),
             reset: Some(Scripted::acting(|_, _| -1.0)),
+            success: None,
             rules: vec![Rule::below(0.5)],
             warm_up_steps: 0,
             projection: None,
@@ -326,6 +331,10 @@ impl Scene {
             .as_ref()
             .filter(|_| self.settings.cycle.mode == Mode::Shielded)
             .map(|reset| shield(self.rules, reset, self.warm_up_steps));
+        let shield = shield.map(|shield| match &self.success {
+            Some(critic) => shield.with_success_critic(critic.info()),
+            None => shield,
+        });
         let shield = shield.map(|shield| match self.projection {
             Some(projection) => shield.with_projection(projection).unwrap(),
             None => shield,
@@ -335,11 +344,15 @@ impl Scene {
             None => shield,
         });
         let experience = Experience::new(self.capacity, &spaces(), members, self.bootstrap_probability);
-        let memory = Memory { experience: experience.unwrap(), masks: Pcg64::seed_from_u64(3) };
+        let mut experience = experience.unwrap();
+        if self.success.is_some() {
+            experience = experience.with_undo(critic::ALIKE).unwrap();
+        }
+        let memory = Memory { experience, masks: Pcg64::seed_from_u64(3) };
         let agents = CycleParts {
             forward: self.forward,
             reset: self.reset.map(|reset| agent(AgentRole::Reset, reset)),
-            success: None,
+            success: self.success,
             ladder: shield,
             memory: Some(memory),
         };

@@ -6,10 +6,10 @@ use std::{
 };
 
 use shield_runtime::run::read_decisions;
-use shield_tests::gridworld;
+use shield_tests::{call, gridworld};
 use tempfile::TempDir;
 
-use crate::{call, first_run, ran, refused, said};
+use crate::{first_run, ran, refused, said};
 
 /// Bytes of [`decided`]'s file in whose place others make the library that reads it panic, each in another way.
 const DAMAGE: [&[(usize, u8)]; 2] =

@@ -26,10 +26,6 @@ fn ran(experiment: &str, arguments: &[&str]) -> TempDir {
     folder
 }
 
-fn call(folder: &Path, arguments: &[&str]) -> Output {
-    shield().current_dir(folder).args(arguments).output().unwrap()
-}
-
 /// What a program said on standard error; no program may say that it panicked.
 fn said(output: &Output) -> String {
     let text = String::from_utf8_lossy(&output.stderr).into_owned();

@@ -8,10 +8,10 @@ use std::{
 };
 
 use serde_json::{Value, json};
-use shield_tests::{gridworld, shield, workspace};
+use shield_tests::{call, gridworld, shield, workspace};
 use tempfile::TempDir;
 
-use crate::{call, first_run, limits_ffi::without_processes, ran, refused, said};
+use crate::{first_run, limits_ffi::without_processes, ran, refused, said};
 
 /// Where a library or program that was executed leaves a file.
 const MARKER: &str = "executed";

@@ -139,7 +139,7 @@ fn a_result_that_cannot_be_written_is_an_error() {
         assert_eq!(output.status.code(), Some(1), "{arguments:?}: {message}");
         let expected = "error: the result cannot be written to standard output: No space left on device";
         assert!(message.starts_with(expected), "{arguments:?}: {message}");
-        // Whoever has seen enough is no fault.
+        // A broken pipe is ignored.
         let mut command = shield_in(folder.path(), arguments);
         let output = Broken::Unread.output(&mut command).stderr(Stdio::piped()).output().unwrap();
         assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));

@@ -9,6 +9,7 @@ use std::{
 
 use shield_api::{Setup, Space, Spaces};
 use shield_runtime::plugin::{Library, PluginError, host};
+use shield_tests::succeed;
 
 fn sources() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join("fixtures")
@@ -36,16 +37,15 @@ fn file_name(name: &str) -> String {
 
 fn cargo(arguments: &[&str]) {
     let (subcommand, rest) = arguments.split_first().unwrap();
-    let output = Command::new(env!("CARGO"))
-        .arg(subcommand)
-        .arg("--manifest-path")
-        .arg(sources().join("Cargo.toml"))
-        .arg("--target-dir")
-        .arg(target())
-        .args(rest)
-        .output()
-        .unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    succeed(
+        Command::new(env!("CARGO"))
+            .arg(subcommand)
+            .arg("--manifest-path")
+            .arg(sources().join("Cargo.toml"))
+            .arg("--target-dir")
+            .arg(target())
+            .args(rest),
+    );
 }
 
 /// The Rust library of that name, optimised.
@@ -103,11 +103,6 @@ fn shared_library(path: &Path) -> Command {
     let mut cc = Command::new("cc");
     cc.args(["-std=c11", "-Wall", "-Wextra", "-O1", "-fPIC", "-shared", "-o"]).arg(path);
     cc
-}
-
-fn succeed(command: &mut Command) {
-    let output = command.output().unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
 }
 
 /// The error of loading the library at `path`; panics if it loads.

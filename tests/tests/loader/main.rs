@@ -7,13 +7,14 @@
 mod allocations;
 mod c;
 mod c_undo;
-mod doors;
 mod fixtures;
 mod instances;
 mod isolated;
 mod isolated_runs;
+mod loading;
 mod misbehaving;
 mod pinned;
+mod repository;
 mod scanning;
 mod trust;
 mod undo;

@@ -60,7 +60,7 @@ fn a_scan_lists_plugins_and_skipped_files_with_the_reason() {
         );
     }
     assert_eq!(skipped.len(), 5, "{skipped:?}");
-    // Whoever asks for a plugin in a skipped file learns why it was skipped.
+    // Asked for, a plugin in a skipped file is an error that says why the file was skipped.
     let error = registry.find("fixture/by-hand", Kind::Policy).unwrap_err();
     assert!(error.to_string().contains("speaks interface 2.0"), "{error}");
 }

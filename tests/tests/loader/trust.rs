@@ -8,6 +8,7 @@ use std::{
 };
 
 use shield_runtime::plugin::{Kind, Library, PluginError, Registry, SearchPath, Selection, Stranger};
+use shield_tests::{named_pipe, succeed};
 use tempfile::{TempDir, tempdir};
 
 use crate::fixtures::{c_fixture, compile_c, compile_rule, setup};
@@ -110,7 +111,7 @@ fn a_library_beside_a_plugin_that_it_brings_along_is_checked_too() {
     let source = folder.join("near.c");
     fs::write(&source, "float from_beside(float x) { return x; }").unwrap();
     cc.arg(&source).args(["-L", folder.to_str().unwrap(), "-ltrust_far", "-o"]).arg(&near);
-    assert!(cc.status().unwrap().success());
+    succeed(&mut cc);
     for path in [&near, &far] {
         set_mode(path, 0o646);
         assert_eq!(distrusted(Library::load(&library).unwrap_err()), (path.clone(), Stranger::Everyone));
@@ -122,7 +123,7 @@ fn a_library_beside_a_plugin_that_it_brings_along_is_checked_too() {
 #[test]
 fn a_named_pipe_or_a_device_among_the_libraries_is_skipped_with_its_reason() {
     let (folder, _library) = safe();
-    assert!(Command::new("mkfifo").arg(folder.path().join("libpipe.so")).status().unwrap().success());
+    named_pipe(&folder.path().join("libpipe.so"));
     symlink("/dev/zero", folder.path().join("libzero.so")).unwrap();
     let registry = scan(folder.path());
     registry.find(ID, Kind::AbortRule).unwrap();

@@ -288,7 +288,7 @@ fn unfinished_runs(seeds: u64) -> TempDir {
         let folder = RunFolder::new(&home.path().join("runs"), &identity);
         let order = Order { registry: registry(), variant, identity: &identity, folder: &folder };
         let stop = AtomicBool::new(false);
-        let saboteur = Saboteur { sabotage: Sabotage::Crash(55), stop: &stop };
+        let saboteur = Saboteur::new(Sabotage::Crash(55), &stop);
         order.begin(None, false).unwrap().run(saboteur, &stop).unwrap_err();
         fs::write(folder.path().join("notes.txt"), "mine").unwrap();
     }

@@ -45,9 +45,17 @@ pub struct Summary {
     #[serde(default)]
     solved: Option<bool>,
     pub lifetime_return: Option<f64>,
+    /// Share of the attempts that failed; like those below, unknown of version 1.0.
+    pub realised_risk: Option<f64>,
+    pub accepted_risk: Option<f64>,
+    pub calibration_error_last_half: Option<f64>,
 }
 
 impl Summary {
+    pub fn forward_percent(&self) -> Option<f64> {
+        Some(self.forward_steps as f64 / self.steps as f64 * 100.0)
+    }
+
     /// Steps after which the task was solved; infinite if it never was.
     pub fn steps_until_solved(&self) -> Option<f64> {
         let steps = self.steps_to_solve?;
@@ -68,7 +76,7 @@ pub enum Aborts {
     Continuous(serde::de::IgnoredAny),
 }
 
-/// The lower quartile, the median and the upper quartile.
+/// A median between two other figures: the quartiles, or the smallest and the largest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Spread(pub f64, pub f64, pub f64);
 
@@ -86,15 +94,29 @@ impl Record {
 }
 
 impl Variant {
-    /// A figure of every run that has it.
+    /// Median and quartiles of a figure of every run that has it.
     pub fn spread(&self, figure: impl Fn(&Summary) -> Option<f64>) -> Option<Spread> {
-        Spread::of(self.runs.iter().filter_map(|run| figure(&run.summary)).collect())
+        Spread::of(self.figures(figure))
+    }
+
+    /// The same with the smallest and the largest.
+    pub fn range(&self, figure: impl Fn(&Summary) -> Option<f64>) -> Option<Spread> {
+        Spread::with_ends(self.figures(figure), 0.0)
+    }
+
+    fn figures(&self, figure: impl Fn(&Summary) -> Option<f64>) -> Vec<f64> {
+        self.runs.iter().filter_map(|run| figure(&run.summary)).collect()
     }
 }
 
 impl Spread {
-    /// Linear between neighbours, as `shield report` has it. `None` of nothing.
-    pub fn of(mut figures: Vec<f64>) -> Option<Self> {
+    /// With the quartiles, linear between neighbours, as `shield report` has it. `None` of nothing.
+    pub fn of(figures: Vec<f64>) -> Option<Self> {
+        Self::with_ends(figures, 0.25)
+    }
+
+    /// Around the median, what this share of the figures is below, and what it is above.
+    fn with_ends(mut figures: Vec<f64>, share: f64) -> Option<Self> {
         figures.sort_by(f64::total_cmp);
         let last = figures.len().checked_sub(1)?;
         let at = |share: f64| {
@@ -103,14 +125,14 @@ impl Spread {
             // Infinite figures have no difference.
             if low == high { low } else { low + (high - low) * place.fract() }
         };
-        Some(Self(at(0.25), at(0.5), at(0.75)))
+        Some(Self(at(share), at(0.5), at(1.0 - share)))
     }
 
     pub fn median(self) -> f64 {
         self.1
     }
 
-    /// The median with its quartiles, if they differ.
+    /// The median with the figures around it, if they differ.
     pub fn show(self, decimals: usize) -> String {
         let show = |figure: f64| match figure {
             f64::INFINITY => "never".into(),
@@ -126,8 +148,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn quartiles_are_shown_where_seeds_differ() {
+    fn a_spread_is_shown_where_seeds_differ() {
         assert_eq!(Spread::of(vec![1.0, 2.0, 3.0, 4.0]).unwrap().show(2), "2.50 (1.75 to 3.25)");
+        assert_eq!(Spread::with_ends(vec![4.0, 9.0, 1.0], 0.0), Some(Spread(1.0, 4.0, 9.0)));
         assert_eq!(Spread::of(vec![3.0, 3.0]).unwrap().show(0), "3");
         assert_eq!(Spread::of(Vec::new()), None);
         let never = f64::INFINITY;

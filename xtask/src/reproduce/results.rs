@@ -1,15 +1,14 @@
-//! RESULTS.md: every claim with what was found, and every experiment with its figures.
+//! The paper's RESULTS.md: every claim with what was found, and every experiment with its figures.
 
 use std::fmt::Write;
-use std::fs;
 use std::path::Path;
 
-use anyhow::{Context, Result};
+use anyhow::Result;
 
-use super::PAPER;
+use super::Recorded;
 use super::claims::{CLAIMS, Claim, Verdict};
-use super::experiments::Experiment;
-use super::record::{Record, Spread, Summary, Variant};
+use super::record::{Record, Summary};
+use super::tables::{Column, introduction, table, thousands};
 
 const HEAD: &str = "# Results
 
@@ -25,9 +24,6 @@ those that solved the task.
 | § | environment | the paper | here | seeds, steps | verdict |
 |---|---|---|---|---|---|
 ";
-
-/// What a table shows of a run: heading, figure, decimals.
-type Column = (&'static str, fn(&Summary) -> Option<f64>, usize);
 
 const COLUMNS: [Column; 10] = [
     ("forward steps", |run| Some(run.forward_steps as f64), 0),
@@ -46,7 +42,7 @@ const COLUMNS: [Column; 10] = [
 ///
 /// # Errors
 /// An experiment's file cannot be read.
-pub fn page(root: &Path, records: &[(&Experiment, Option<Record>)]) -> Result<String> {
+pub fn page(root: &Path, records: &[Recorded]) -> Result<String> {
     let mut page = HEAD.to_owned();
     for claim in CLAIMS {
         let record = records.iter().find(|(experiment, _)| experiment.name == claim.experiment);
@@ -56,11 +52,11 @@ pub fn page(root: &Path, records: &[(&Experiment, Option<Record>)]) -> Result<St
         let Some(record) = record else { continue };
         writeln!(page, "\n## {}\n\n{}", experiment.title, introduction(root, experiment)?)?;
         writeln!(page, "\n`cargo xtask reproduce {}`\n", experiment.name)?;
-        page += &table(record);
+        page += &table(record, &COLUMNS, |variant, figure| variant.spread(figure));
         page.push('\n');
         for figure in experiment.figures {
             let plot = format!("plots/{}-{figure}.png", experiment.name);
-            if root.join(PAPER).join(&plot).exists() {
+            if root.join(experiment.folder).join(&plot).exists() {
                 writeln!(page, "<img src=\"{plot}\" width=\"440\" alt=\"{}: {figure}\">", experiment.name)?;
             }
         }
@@ -94,55 +90,9 @@ fn row(claim: &Claim, record: Option<&Record>) -> String {
     )
 }
 
-/// What the experiment's file says of itself: the comment at its head.
-fn introduction(root: &Path, experiment: &Experiment) -> Result<String> {
-    let path = root.join(PAPER).join(format!("{}.ron", experiment.name));
-    let text = fs::read_to_string(&path).with_context(|| format!("{} cannot be read", path.display()))?;
-    let comments = text.lines().map_while(|line| line.strip_prefix("//")).map(str::trim);
-    Ok(comments.collect::<Vec<_>>().join("\n"))
-}
-
-fn table(record: &Record) -> String {
-    let shown: Vec<&Column> = COLUMNS.iter().filter(|column| is_telling(record, column)).collect();
-    let headings = shown.iter().map(|(heading, ..)| format!(" {heading} |"));
-    let mut table = format!("| variant | seeds |{}\n", headings.collect::<String>());
-    table += &format!("|---|---|{}\n", "---|".repeat(shown.len()));
-    for variant in &record.variants {
-        let cell = |(_, figure, decimals): &&Column| {
-            let spread = variant.spread(figure);
-            format!(" {} |", spread.map_or_else(|| "–".into(), |spread| spread.show(*decimals)))
-        };
-        let cells: String = shown.iter().map(cell).collect();
-        table += &format!("| {} | {} |{cells}\n", variant.name, variant.runs.len());
-    }
-    table
-}
-
-/// A column of nothing but zeros and gaps says nothing.
-fn is_telling(record: &Record, (_, figure, _): &Column) -> bool {
-    let spread = |variant: &Variant| variant.spread(figure);
-    record.variants.iter().filter_map(spread).any(|Spread(lower, _, upper)| lower != 0.0 || upper != 0.0)
-}
-
-fn thousands(figure: u64) -> String {
-    let digits = figure.to_string();
-    let groups: Vec<&str> = digits
-        .as_bytes()
-        .rchunks(3)
-        .rev()
-        .map(|group| std::str::from_utf8(group).unwrap_or_default())
-        .collect();
-    groups.join(",")
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn large_figures_have_commas() {
-        assert_eq!(["7", "1,000", "50,000"].map(String::from), [7, 1_000, 50_000].map(thousands));
-    }
 
     #[test]
     fn a_claim_without_a_record_is_not_measured() {

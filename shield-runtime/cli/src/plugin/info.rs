@@ -59,8 +59,8 @@ fn example(manifest: &Manifest) -> String {
         Some(Kind::Policy) => ("forward: Policy", ""),
         Some(Kind::AbortRule) => ("shield: (rules: [", "])"),
         Some(Kind::ResetTask) => ("reset_task: ", ""),
-        // Experiments have no field for a success critic yet.
-        Some(Kind::SuccessCritic) | None => ("", ""),
+        Some(Kind::SuccessCritic) => ("shield: (success_critic: ", ")"),
+        None => ("", ""),
     };
     let fields = manifest.fields.iter().map(|field| format!("      {}: {},\n", field.name, field.default));
     let fields: String = fields.collect();
@@ -81,7 +81,7 @@ mod tests {
             default: "0.5".into(),
             ..ManifestField::default()
         };
-        for kind in Kind::ALL.into_iter().filter(|kind| *kind != Kind::SuccessCritic) {
+        for kind in Kind::ALL {
             let manifest = Manifest {
                 id: "acme/it".into(),
                 kind: kind.name().into(),

@@ -84,11 +84,6 @@ impl NewKind {
     fn table(self) -> &'static str {
         if self == Self::SuccessCritic { Kind::Learner.name() } else { self.name() }
     }
-
-    /// Whether an experiment has a field that names it.
-    fn is_in_experiments(self) -> bool {
-        self != Self::SuccessCritic
-    }
 }
 
 /// Makes the folder and says what comes next.
@@ -114,9 +109,7 @@ pub fn new(arguments: &NewArguments) -> Result<(), Failure> {
     let folder = folder.display();
     output::note(format_args!("Made {folder}. Next:\n  cd {folder} && {build}"));
     output::note(format_args!("  shield plugin check {library}"));
-    if arguments.kind.is_in_experiments() {
-        output::note(format_args!("  shield run experiment.ron"));
-    }
+    output::note(format_args!("  shield run experiment.ron"));
     Ok(())
 }
 
@@ -168,9 +161,11 @@ fn files(
         ],
     };
     let templates = templates()?;
-    let experiment = arguments.kind.is_in_experiments().then(|| ("experiment.ron", "experiment.ron".into()));
-    let files = own.into_iter().chain(experiment);
-    files.map(|(file, template)| Ok((file, templates.get_template(&template)?.render(&values)?))).collect()
+    let experiment = ("experiment.ron", "experiment.ron".into());
+    own.into_iter()
+        .chain([experiment])
+        .map(|(file, template)| Ok((file, templates.get_template(&template)?.render(&values)?)))
+        .collect()
 }
 
 /// The library that the folder builds, as seen from the folder.

@@ -217,6 +217,22 @@ fn experience(settings: &ExperienceConfig) -> Checked {
         "experience.batch",
         format!("a batch of {batch} does not fit into a capacity of {capacity}"),
     )?;
+    let shares = [("failure_share", settings.failure_share), ("success_share", settings.success_share)];
+    for (field, share) in shares {
+        let message = format!("{share} is not a share between 0 and 1");
+        ensure((0.0..=1.0).contains(&share), format!("experience.{field}"), message)?;
+    }
+    let sum = settings.failure_share + settings.success_share;
+    let message = format!("with `failure_share` it makes {sum}; a batch has no more than 1");
+    ensure(sum <= 1.0, "experience.success_share", message)?;
+    ensure(
+        settings.abort_lifetime != Some(0),
+        "experience.abort_lifetime",
+        "an abort that teaches for no transition is not stored at all: leave `on_abort` out",
+    )?;
+    let half_life = settings.outcome_half_life;
+    let message = format!("the half-life {half_life} is not above 0; `inf`: outcomes do not fade");
+    ensure(half_life > 0.0, "experience.outcome_half_life", message)?;
     let weight = settings.cost_weight;
     ensure(
         weight.is_finite() && weight >= 0.0,

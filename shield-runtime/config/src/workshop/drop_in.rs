@@ -1,6 +1,6 @@
 //! From a configuration to a shield that can decide.
 
-use shield_api::{Learner, Spaces};
+use shield_api::{Learner, ResetTask, Spaces};
 
 use super::{Stream, Workshop};
 use crate::experiment::{DropInFile, InputError, SpacesConfig, cycle_settings};
@@ -45,10 +45,7 @@ impl DropInFile {
         let (pins, threads, seed) = (&config.pins, config.threads, config.seed);
         let workshop = Workshop { registry, source, pins, threads, seed };
         let spaces = spaces_of(self, spaces)?;
-        let task = match &config.reset_task {
-            None => None,
-            Some(choice) => Some(workshop.reset_task(choice, &workshop.setup(Stream::ResetTask, &spaces))?),
-        };
+        let task = self.reset_task(registry, &spaces)?;
         let reset = reset_agent(self, &workshop, &spaces, given)?;
         let learned = &config.experience;
         let success = workshop.success_critic(&config.shield, learned.batch, &spaces)?;
@@ -75,6 +72,24 @@ impl DropInFile {
         let lengths = [spaces.observation_len(), spaces.action_len()];
         DropIn::new(ResetCycle::new(settings, parts, lengths), task)
             .map_err(|error| workshop.refused("shield", &error))
+    }
+}
+
+impl DropInFile {
+    /// What says what "reset" means, without a shield around it; `None` where the caller does.
+    ///
+    /// # Errors
+    /// It is missing or broken, or refuses its configuration.
+    pub fn reset_task(
+        &self,
+        registry: &Registry,
+        spaces: &Spaces,
+    ) -> Result<Option<Box<dyn ResetTask>>, InputError> {
+        let Self { config, source } = self;
+        let Some(choice) = &config.reset_task else { return Ok(None) };
+        let (pins, threads, seed) = (&config.pins, config.threads, config.seed);
+        let workshop = Workshop { registry, source, pins, threads, seed };
+        workshop.reset_task(choice, &workshop.setup(Stream::ResetTask, spaces)).map(Some)
     }
 }
 

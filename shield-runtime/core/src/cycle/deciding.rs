@@ -93,6 +93,7 @@ impl ResetCycle {
         self.counters.warm_up_decisions += u64::from(decision == Decision::WarmUp);
         self.counters.projections += u64::from(decision.projection().is_some());
         // A shield that cannot decide any more has not aborted: it has ended.
+        self.diagnosis.decided(decision.abort().is_none());
         let Some(abort) = decision.abort().filter(|_| !self.is_broken()) else { return };
         self.counters.early_aborts += 1;
         self.counters.failed_closed += u64::from(abort.cause.is_failure());

@@ -24,11 +24,12 @@ impl ResetCycle {
         tally += outcome;
         // A caller may also report what came of a fallback action, outside of any episode.
         self.episode = self.episode.map(|_| tally);
-        // After an abort with nothing to undo, a caller may execute what stood in for the rejected action. Within the reset set, nothing is
-        // to be undone still.
-        self.since_reset.has_moved |= !self.since_reset.stays || !outcome.in_reset_set || outcome.terminated;
         let is_forward = self.turn == AgentRole::Forward && !self.since_reset.stays;
         self.counters.forward_steps += u64::from(is_forward);
+        if self.is_shielded() {
+            let role = if is_forward { AgentRole::Forward } else { AgentRole::Reset };
+            self.diagnosis.step(role, outcome, &self.metrics);
+        }
         let has_failed =
             self.turn == AgentRole::Reset && self.is_last(&tally) && !self.passes_reset_test(&tally);
         self.store(next_observation, outcome, has_failed);
@@ -62,6 +63,7 @@ impl ResetCycle {
     /// Stores the step for both agents. `has_failed`: it was the last one of a failed attempt.
     fn store(&mut self, next_observation: &[f32], outcome: &StepOutcome, has_failed: bool) {
         let StepOutcome { in_reset_set, terminated, .. } = *outcome;
+        let mut number = None;
         if let Some(Memory { experience, masks }) = &mut self.parts.memory {
             let forward = AgentShare { reward: outcome.forward_reward, continues: !terminated };
             let reset = AgentShare {
@@ -76,9 +78,10 @@ impl ResetCycle {
                 reset: Some(reset),
                 fate: Some(Fate::of(outcome)),
             };
+            number = Some(experience.next_number());
             experience.push(&transition, masks);
-            self.since_reset.note(self.turn, experience.next_number() - 1, outcome);
         }
+        self.since_reset.note(self.turn, number, outcome);
         self.previous.copy_from_slice(&self.action);
         self.has_previous = true;
         self.counters.steps += 1;

@@ -7,6 +7,7 @@ use super::{CycleParts, ResetCycle, undoing::SinceReset};
 use crate::{
     agent::{Agent, AgentState, ForwardAgent},
     critic::{Critic, CriticState},
+    diagnosis::Diagnosis,
     events::{Counters, Tally},
     experience::{AgentRole, UndoMemoryState},
     plugin_state::PluginState,
@@ -42,6 +43,7 @@ pub struct UndoState {
     memory: Option<UndoMemoryState>,
     since_reset: SinceReset,
     start_probabilities: Option<Vec<f32>>,
+    diagnosis: Diagnosis,
 }
 
 impl UndoState {
@@ -158,12 +160,19 @@ impl ResetCycle {
             start_probabilities: ladder
                 .as_ref()
                 .and_then(|ladder| ladder.start_probabilities().map(<[f32]>::to_vec)),
+            diagnosis: self.diagnosis,
         })
+    }
+
+    /// Goes on from what was counted and found: nothing is told twice.
+    pub fn restore_diagnosis(&mut self, state: &UndoState) {
+        self.diagnosis = state.diagnosis;
     }
 
     /// Goes on within the episode in which `state` was saved; what was learned is [restored](CycleParts::restore_undo) apart.
     pub fn go_on_undoing(&mut self, state: &UndoState) {
         self.since_reset = state.since_reset;
+        self.restore_diagnosis(state);
         if let Some(ladder) = &mut self.parts.ladder {
             ladder.go_on_from(state.start_probabilities.as_deref());
         }

@@ -32,9 +32,12 @@ pub(super) struct SinceReset {
 }
 
 impl SinceReset {
-    /// Notes the step of this number.
-    pub fn note(&mut self, turn: AgentRole, number: u64, outcome: &StepOutcome) {
+    /// Notes a step, which a memory stored under this number. After an abort with nothing to undo, a caller may execute what stood in for the
+    /// rejected action: within the reset set, nothing is to be undone still.
+    pub fn note(&mut self, turn: AgentRole, number: Option<u64>, outcome: &StepOutcome) {
+        self.has_moved |= !self.stays || !outcome.in_reset_set || outcome.terminated;
         self.idle_aborts = 0;
+        let Some(number) = number else { return };
         match turn {
             AgentRole::Forward => self.before = Some(number),
             AgentRole::Reset if outcome.in_reset_set && !outcome.terminated => {
@@ -89,6 +92,8 @@ impl ResetCycle {
     ) -> Option<AttemptOutcome> {
         let is_shielded = self.settings.mode == Mode::Shielded;
         let length = match self.turn {
+            // What is executed while a hard reset is awaited belongs to no episode.
+            _ if self.hard_reset_due.is_some() => return None,
             AgentRole::Reset if !end.is_cut() && end != EpisodeEnd::WorkerLost => tally.length,
             AgentRole::Forward if is_shielded && end == EpisodeEnd::Terminated => 0,
             _ => return None,
@@ -97,7 +102,7 @@ impl ResetCycle {
             let end_number = experience.next_number();
             experience.note_attempt(Attempt {
                 before: self.since_reset.before,
-                first: end_number - length,
+                first: end_number.saturating_sub(length),
                 end: end_number,
                 reached: self.since_reset.reached,
                 succeeded: has_reset,

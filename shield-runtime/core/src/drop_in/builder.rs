@@ -193,6 +193,11 @@ impl DropInBuilder {
         }
         let (mut batch, mut seed, mut memory) = (0, 0, None);
         if let Some(learning) = learning {
+            if self.success_critic.is_some() && !learning.experience.keeps_undo() {
+                return Err(Error::invalid_config(
+                    "the success critic would learn nothing: make the experience `with_undo`",
+                ));
+            }
             let Learning { updates_per_step, updates, endings, cost_weight, .. } = learning;
             settings = CycleSettings { updates_per_step, updates, endings, cost_weight, ..settings };
             settings.explores = true;

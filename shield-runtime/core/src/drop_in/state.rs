@@ -137,6 +137,7 @@ impl DropIn {
         for (name, is_there, is_here) in [
             ("a reset task", state.task.is_some(), self.task.is_some()),
             ("a memory", state.learned.is_some(), self.cycle.parts().memory.is_some()),
+            ("a success critic", state.undo.critic.is_some(), self.cycle.parts().success.is_some()),
         ] {
             if is_there != is_here {
                 let (with, without) = if is_there { ("it", "this shield") } else { ("this shield", "it") };
@@ -160,6 +161,7 @@ impl DropIn {
 
     fn take_over(&mut self, state: DropInState) -> Result<()> {
         let ShieldState { agent, rules, exploration_replaced, .. } = state.shield;
+        self.cycle.restore_diagnosis(&state.undo);
         let parts = self.cycle.parts_mut();
         parts.restore(&LearnedState { forward: None, reset: Some(agent), rules })?;
         parts.restore_undo(&state.undo)?;

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 const MOST_ATTEMPTS: usize = 1 << 16;
 
 /// One attempt to reset that has an outcome, by the numbers of its transitions.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub struct Attempt {
     /// The forward step directly before it; `None` after a hard reset or another attempt.
     pub before: Option<u64>,
@@ -39,6 +39,13 @@ pub struct Outcome {
 }
 
 impl Attempt {
+    /// Whether its numbers fit together.
+    fn is_possible(&self) -> bool {
+        self.first <= self.end
+            && self.before.is_none_or(|before| before < self.first)
+            && self.reached.is_none_or(|reached| (self.first..self.end).contains(&reached))
+    }
+
     /// The outcome of the transition `number`, one of this attempt's or the one before it.
     ///
     /// A failure for lack of time counts by the share of the attempt's time that was left: its last steps were perhaps close to success.
@@ -71,12 +78,16 @@ impl AttemptLog {
         Self { attempts: VecDeque::with_capacity(capacity.min(MOST_ATTEMPTS)), ended: 0 }
     }
 
+    /// Adds an attempt. Those that it overlaps, which only a state can hold that was kept, give way: so the log is in order.
     pub fn push(&mut self, attempt: Attempt) {
+        while self.attempts.back().is_some_and(|last| last.end > attempt.first) {
+            self.attempts.pop_back();
+        }
         if self.attempts.len() == self.attempts.capacity() {
             self.attempts.pop_front();
         }
         self.attempts.push_back(attempt);
-        self.ended += 1;
+        self.ended = self.ended.saturating_add(1);
     }
 
     /// How many attempts ever ended.
@@ -88,6 +99,13 @@ impl AttemptLog {
     pub fn forget_before(&mut self, number: u64) {
         while self.attempts.front().is_some_and(|attempt| attempt.end <= number) {
             self.attempts.pop_front();
+        }
+    }
+
+    /// Forgets attempts that have a transition of this number or a later one.
+    pub fn forget_from(&mut self, number: u64) {
+        while self.attempts.back().is_some_and(|attempt| attempt.end > number) {
+            self.attempts.pop_back();
         }
     }
 
@@ -114,11 +132,16 @@ impl AttemptLog {
         self.attempts.iter().copied().collect()
     }
 
-    /// Becomes a log of these attempts, the last of all that ended.
-    pub fn restore(&mut self, attempts: &[Attempt], ended: u64) {
+    /// Becomes a log of these attempts, the last of all that ended; `false` if there cannot be such attempts in such an order.
+    pub fn restore(&mut self, attempts: &[Attempt], ended: u64) -> bool {
+        let is_ordered = attempts.windows(2).all(|pair| pair[0].end <= pair[1].first);
+        if !is_ordered || !attempts.iter().all(Attempt::is_possible) {
+            return false;
+        }
         self.attempts.clear();
         attempts.iter().for_each(|attempt| self.push(*attempt));
         self.ended = ended;
+        true
     }
 
     /// Counts every number from `back` later on; attempts that began before it are forgotten.

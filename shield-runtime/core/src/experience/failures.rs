@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::undo::Fate;
+
 /// Steps before and after the start of a failed attempt.
 pub(super) const WINDOW: u64 = 20;
 
@@ -27,15 +29,23 @@ pub(super) struct Failures {
     labels: Vec<Label>,
     capacity: usize,
     width: usize,
-    pushed: u64,
+    /// Where the next one goes: behind the others, or over the oldest.
+    next: usize,
 }
 
 /// What is kept of [`Failures`].
 #[derive(Debug, Clone, Serialize, Deserialize)]
 pub(super) struct FailuresState {
-    rows: Vec<f32>,
-    labels: Vec<Label>,
-    pushed: u64,
+    pub rows: Vec<f32>,
+    pub labels: Vec<Label>,
+    pub next: usize,
+}
+
+impl Label {
+    fn is_possible(&self) -> bool {
+        let is_share = |value: f32| (0.0..=1.0).contains(&value);
+        Fate::is_executed(self.fate) && is_share(self.outcome) && is_share(self.weight)
+    }
 }
 
 impl Failures {
@@ -47,7 +57,7 @@ impl Failures {
             labels: Vec::with_capacity(capacity),
             capacity,
             width,
-            pushed: 0,
+            next: 0,
         }
     }
 
@@ -56,19 +66,18 @@ impl Failures {
     }
 
     pub fn push(&mut self, parts: [&[f32]; 3], label: Label) {
-        let slot = (self.pushed % self.capacity as u64) as usize;
-        if slot < self.labels.len() {
-            self.labels[slot] = label;
-            let mut at = slot * self.width;
+        if self.labels.len() < self.capacity {
+            self.labels.push(label);
+            parts.iter().for_each(|part| self.rows.extend_from_slice(part));
+        } else {
+            self.labels[self.next] = label;
+            let mut at = self.next * self.width;
             for part in parts {
                 self.rows[at..at + part.len()].copy_from_slice(part);
                 at += part.len();
             }
-        } else {
-            self.labels.push(label);
-            parts.iter().for_each(|part| self.rows.extend_from_slice(part));
         }
-        self.pushed += 1;
+        self.next = (self.next + 1) % self.capacity;
     }
 
     pub fn get(&self, index: usize) -> (&[f32], Label) {
@@ -76,21 +85,30 @@ impl Failures {
     }
 
     pub fn save(&self) -> FailuresState {
-        FailuresState { rows: self.rows.clone(), labels: self.labels.clone(), pushed: self.pushed }
+        FailuresState { rows: self.rows.clone(), labels: self.labels.clone(), next: self.next }
     }
 
-    /// Becomes what was saved; `false` if that belongs to other spaces. What there is no room for is left out.
+    /// Becomes what was saved; `false` if that belongs to other spaces, or cannot be. Of more than there is room for, the newest stay.
     pub fn restore(&mut self, state: &FailuresState) -> bool {
-        let FailuresState { rows, labels, pushed } = state;
-        if rows.len() != labels.len() * self.width {
+        let FailuresState { rows, labels, next } = state;
+        let count = labels.len();
+        let is_possible = rows.len() == count * self.width
+            && *next <= count
+            && rows.iter().all(|value| value.is_finite())
+            && labels.iter().all(Label::is_possible);
+        if !is_possible {
             return false;
         }
-        let count = labels.len().min(self.capacity);
         self.rows.clear();
-        self.rows.extend_from_slice(&rows[..count * self.width]);
         self.labels.clear();
-        self.labels.extend_from_slice(&labels[..count]);
-        self.pushed = *pushed;
+        // In as much room, each stays in its place: batches are drawn by places.
+        let is_alike = count == self.capacity;
+        let oldest = if is_alike || *next == count { 0 } else { *next };
+        for index in (oldest..count).chain(0..oldest).skip(count.saturating_sub(self.capacity)) {
+            self.labels.push(labels[index]);
+            self.rows.extend_from_slice(&rows[index * self.width..(index + 1) * self.width]);
+        }
+        self.next = if is_alike { *next } else { self.labels.len() } % self.capacity;
         true
     }
 

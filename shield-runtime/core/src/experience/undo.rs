@@ -1,5 +1,7 @@
 //! What a success critic learns from: where each step led, how attempts ended, and how batches are drawn.
 
+use std::ops::Range;
+
 use rand::{Rng, RngExt};
 use serde::{Deserialize, Serialize};
 use shield_api::{AttemptBatch, Error, Result, Spaces};
@@ -35,6 +37,13 @@ impl Fate {
         }
     }
 
+    /// Whether a column says where a step led that was made.
+    pub(super) fn is_executed(column: f32) -> bool {
+        [Self::GoesOn, Self::InResetSet, Self::Terminated]
+            .map(|fate| Self::column(Some(fate)))
+            .contains(&column)
+    }
+
     pub(super) fn column(fate: Option<Self>) -> f32 {
         match fate {
             None => NEVER,
@@ -48,8 +57,6 @@ impl Fate {
 /// How batches for a success critic are drawn.
 #[derive(Debug, Clone, Copy)]
 pub struct UndoSettings {
-    /// Members of the critic.
-    pub members: usize,
     /// Probability that a member learns from a transition.
     pub bootstrap_probability: f64,
     /// The share of a batch that is drawn around the starts of failed attempts.
@@ -201,7 +208,10 @@ impl UndoMemory {
         self.executed += usize::from(fate != NEVER);
     }
 
-    pub fn renumber(&mut self, back: u64) {
+    /// Keeps what belongs to the transitions `kept`, and counts their numbers from `back` on.
+    pub fn renumber(&mut self, kept: Range<u64>, back: u64) {
+        self.log.forget_before(kept.start);
+        self.log.forget_from(kept.end);
         self.log.renumber(back);
         self.failures.renumber(back);
     }
@@ -253,6 +263,11 @@ impl Experience {
         self.undo = Some(undo);
     }
 
+    /// Whether it keeps [what a success critic learns from](Self::with_undo).
+    pub fn keeps_undo(&self) -> bool {
+        self.undo.is_some()
+    }
+
     /// How many transitions a success critic learns from.
     pub fn len_for_undo(&self) -> usize {
         self.undo.as_ref().map_or(0, |undo| undo.executed)
@@ -268,14 +283,16 @@ impl Experience {
     /// Goes on from what [`save_undo`](Self::save_undo) gave.
     ///
     /// # Errors
-    /// It belongs to other spaces.
+    /// It belongs to other spaces, or it cannot be.
     pub fn restore_undo(&mut self, state: &UndoMemoryState) -> Result<()> {
         let Some(undo) = &mut self.undo else { return Ok(()) };
-        undo.log.restore(&state.attempts, state.ended);
-        if undo.failures.restore(&state.failures) {
-            return Ok(());
+        if !undo.log.restore(&state.attempts, state.ended) {
+            return Err(Error::invalid_argument("its attempts contradict each other"));
         }
-        Err(Error::invalid_argument("its failed attempts belong to other spaces"))
+        if !undo.failures.restore(&state.failures) {
+            return Err(Error::invalid_argument("its failed attempts belong to other spaces"));
+        }
+        Ok(())
     }
 
     /// Draws a batch for a success critic into `buffers`, with replacement: a share around the starts of failed attempts, a share from the
@@ -313,11 +330,12 @@ impl Experience {
     /// One of the last steps of a successful attempt, if one is found.
     fn near_success(&self, undo: &UndoMemory, rng: &mut impl Rng) -> Option<u64> {
         const TRIES: usize = 8;
-        for _ in 0..TRIES.min(undo.log.len()) {
-            let attempt = undo.log.get(rng.random_range(0..undo.log.len()));
+        let (kept, attempts) = (self.kept(), undo.log.len());
+        for _ in 0..if attempts > 0 { TRIES } else { 0 } {
+            let attempt = undo.log.get(rng.random_range(0..attempts));
             let Some(reached) = attempt.reached.filter(|_| attempt.succeeded) else { continue };
-            let first = attempt.first.max(reached.saturating_sub(WINDOW - 1)).max(self.kept().start);
-            if first <= reached {
+            let first = attempt.first.max(reached.saturating_sub(WINDOW - 1)).max(kept.start);
+            if first <= reached && reached < kept.end {
                 return Some(rng.random_range(first..=reached));
             }
         }
@@ -345,3 +363,6 @@ impl Experience {
         ]
     }
 }
+
+#[cfg(test)]
+mod tests;

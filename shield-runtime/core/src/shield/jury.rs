@@ -146,11 +146,12 @@ impl Jury {
         (!self.is_at_start).then_some(&self.start_probabilities)
     }
 
-    /// Goes on from estimates at the start that were kept.
+    /// Goes on from estimates at the start that were kept, of as many members.
     pub fn go_on_from(&mut self, start_probabilities: Option<&[f32]>) {
-        self.is_at_start = start_probabilities.is_none();
-        if let Some(start) = start_probabilities {
-            start.clone_into(&mut self.start_probabilities);
+        let kept = start_probabilities.filter(|start| start.len() == self.start_probabilities.len());
+        self.is_at_start = kept.is_none();
+        if let Some(start) = kept {
+            self.start_probabilities.copy_from_slice(start);
         }
     }
 

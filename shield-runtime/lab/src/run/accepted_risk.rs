@@ -8,7 +8,7 @@ use shield_config::experiment::{Experiment, Mode};
 const RULE: &str = "undo-probability";
 
 /// What the rule accepts where its configuration says nothing. Its manifest says the same, and a test compares them.
-const USUAL: f64 = 0.05;
+const USUAL: f64 = 0.2;
 
 /// How many attempts may fail.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -70,7 +70,7 @@ mod tests {
     #[test]
     fn the_risk_is_read_as_the_rule_reads_it() {
         for (config, expected) in [
-            ("()", Some(Share(0.05))),
+            ("()", Some(Share(0.2))),
             ("(combine: Quantile(0.3), accepted_risk: 0.1)", Some(Share(0.1))),
             ("(accepted_risk: Some(0.4), adapt: true)", Some(Share(0.4))),
             ("(accepted_risk: None, hard_resets_per_1000: 3.0)", Some(Per1000Steps(3.0))),

@@ -12,7 +12,7 @@ use super::{
     folder::RunFolder,
     new_folder::NewFolder,
     recorder::{Recorder, RecorderState},
-    summary::{Identity, Summary},
+    summary::{FoundInRun, Identity, Summary},
 };
 use crate::{
     checkpoint::{CheckpointStore, LockedCheckpoints, PluginVersion, Provenance, last_checkpoint},
@@ -205,12 +205,14 @@ impl Launch {
         }
         let ran = joint.run();
         let counters = *joint.counters();
+        let findings = joint.findings().map(FoundInRun::from).collect();
         drop(joint);
         let ran = ran.with_context(|| format!("{name} failed after {} steps", counters.steps));
         let error = ran.as_ref().err().map(|error| format!("{error:#}"));
         // The run stays locked until it is decided whether its folder stays.
         let checkpoints = observer.0.take_checkpoints();
         let can_go_on = checkpoints.as_ref().is_some_and(CheckpointStore::has_checkpoint);
+        observer.0.found(findings);
         let summary = observer.0.finish(&counters, budget, error);
         match new.filter(|_| counters.steps == 0 && (ran.is_err() || !can_go_on)) {
             None => ran.and(summary),

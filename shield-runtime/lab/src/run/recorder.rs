@@ -17,7 +17,7 @@ use super::{
     decisions::{self, DecisionLog, DecisionState},
     files::{self, Files, Lengths},
     folder::{RunFolder, write_whole},
-    summary::{Evaluations, Identity, Summary},
+    summary::{Evaluations, FoundInRun, Identity, Summary},
     tables::{EvaluationRow, InterventionRow, LearningRow, MetricsRow, TimingRow},
 };
 use crate::{
@@ -82,6 +82,7 @@ pub struct Recorder {
     checkpoints: Option<CheckpointStore>,
     /// Whether everything was in the last checkpoint.
     is_saved_exactly: bool,
+    findings: Vec<FoundInRun>,
 }
 
 impl Recorder {
@@ -141,6 +142,7 @@ impl Recorder {
             last_flush: Instant::now(),
             checkpoints: None,
             is_saved_exactly: false,
+            findings: Vec::new(),
         })
     }
 
@@ -190,6 +192,11 @@ impl Recorder {
     /// Gives the checkpoints back, and with them the lock of the run.
     pub fn take_checkpoints(&mut self) -> Option<CheckpointStore> {
         self.checkpoints.take()
+    }
+
+    /// What kept the shield from helping, for the summary.
+    pub fn found(&mut self, findings: Vec<FoundInRun>) {
+        self.findings = findings;
     }
 
     fn flush(&mut self) -> Result<()> {
@@ -251,6 +258,7 @@ impl Recorder {
             success_rate_without_shield: bare.map(|bare| bare.success_rate),
             steps_to_solve: self.results.steps_to_solve(budget),
             solved: self.results.is_solved(),
+            findings: self.findings,
             deterministic: self.deterministic,
             wall_seconds: seconds,
             steps_per_second: counters.steps as f64 / seconds,

@@ -5,7 +5,10 @@ use std::collections::BTreeMap;
 use serde::{Deserialize, Serialize};
 
 use super::attempts::AttemptSummary;
-use shield_core::events::{Counters, EvaluationEvent};
+use shield_core::{
+    diagnosis::Found,
+    events::{Counters, EvaluationEvent},
+};
 
 /// Which run it is.
 #[derive(Debug, Clone, PartialEq, Eq)]
@@ -16,6 +19,34 @@ pub struct Identity {
     pub variant: String,
     /// Seed.
     pub seed: u64,
+}
+
+/// Something that kept the shield from helping.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct FoundInRun {
+    /// Its name, which stays.
+    pub name: String,
+    /// What was seen, with figures, and what to do.
+    pub sentence: String,
+    /// Environment steps before.
+    pub step: u64,
+    /// It held no more at the end of the run.
+    pub is_over: bool,
+}
+
+impl From<&Found> for FoundInRun {
+    fn from(Found { finding, step, is_over }: &Found) -> Self {
+        let (name, sentence) = (finding.name().into(), finding.to_string());
+        Self { name, sentence, step: *step, is_over: *is_over }
+    }
+}
+
+impl FoundInRun {
+    /// When it was found, and whether it still held at the end of the run.
+    pub fn when(&self) -> String {
+        let end = if self.is_over { "no longer so at the end" } else { "still so at the end" };
+        format!("after {} steps; {end}", self.step)
+    }
 }
 
 /// The summary of a run. Only the four timing keys at its end differ between two runs of one seed.
@@ -88,6 +119,9 @@ pub struct Summary {
     /// Whether three evaluations in a row ever succeeded; `None` without evaluations, and of a run of version 1.0.
     #[serde(default)]
     pub solved: Option<bool>,
+    /// What kept the shield from helping, the earliest first.
+    #[serde(default)]
+    pub findings: Vec<FoundInRun>,
     /// Whether a continued run equals an uninterrupted one.
     pub exact_resume: bool,
     /// Whether another run of the same seed gives the same results: not where decisions have a deadline.
@@ -188,6 +222,7 @@ impl Summary {
             success_rate_without_shield: None,
             steps_to_solve: None,
             solved: None,
+            findings: Vec::new(),
             exact_resume: false,
             deterministic: true,
             wall_seconds: 0.0,

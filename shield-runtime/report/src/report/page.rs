@@ -14,6 +14,8 @@ use super::{
     statistics::Spread,
 };
 
+use shield_lab::run::FoundInRun;
+
 fn lifetime(run: &RunRecord) -> Option<f64> {
     run.course.lifetime_return.last().map(|sum| sum / run.summary.steps.max(1) as f64)
 }
@@ -32,6 +34,16 @@ struct TableRow {
 struct ConfigRow {
     field: String,
     values: Vec<String>,
+}
+
+/// Of several runs, the sentence is the first one's.
+#[derive(Serialize)]
+struct FindingRow<'a> {
+    variant: &'a str,
+    seeds: String,
+    name: &'a str,
+    sentence: &'a str,
+    when: String,
 }
 
 #[derive(Serialize)]
@@ -75,6 +87,7 @@ pub fn page(record: &Record, figures: &[Figure], pictures: &[(String, String, St
         attempt_columns => ATTEMPT_COLUMNS.map(|column| column.heading),
         attempts => record.variants.iter().filter_map(attempts).collect::<Vec<_>>(),
         attempt_note => ATTEMPT_NOTE,
+        findings => findings(&record.variants),
         drawings,
         names,
         differences => configurations(&record.variants),
@@ -118,6 +131,28 @@ fn notes(variants: &[VariantRecord]) -> Vec<String> {
         }
     }
     notes
+}
+
+/// What kept the shield from helping: a line for each finding of each variant, with the seeds that have it.
+fn findings(variants: &[VariantRecord]) -> Vec<FindingRow<'_>> {
+    let mut rows: Vec<FindingRow<'_>> = Vec::new();
+    for variant in variants {
+        let first = rows.len();
+        for run in &variant.runs {
+            for found in &run.summary.findings {
+                let FoundInRun { name, sentence, .. } = found;
+                let seed = run.seed.to_string();
+                match rows[first..].iter_mut().find(|row| row.name == name) {
+                    Some(row) => row.seeds += &format!(", {seed}"),
+                    None => {
+                        let (seeds, when) = (seed, found.when());
+                        rows.push(FindingRow { variant: &variant.name, seeds, name, sentence, when });
+                    }
+                }
+            }
+        }
+    }
+    rows
 }
 
 /// Every field in which some variant differs from the first, with what each has there.

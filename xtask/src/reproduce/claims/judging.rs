@@ -52,10 +52,6 @@ pub(super) fn gain(summary: &Summary) -> Option<f64> {
     summary.final_return
 }
 
-pub(super) fn share_forward(summary: &Summary) -> Option<f64> {
-    Some(summary.forward_steps as f64 / summary.steps as f64 * 100.0)
-}
-
 /// Medians of a figure, in the order of the variants.
 pub(super) fn medians(variants: &[&Variant], figure: fn(&Summary) -> Option<f64>) -> Option<Vec<f64>> {
     variants.iter().map(|variant| Some(variant.spread(figure)?.median())).collect()
@@ -106,7 +102,7 @@ pub(super) fn graded(figure: f64, wanted: f64) -> Verdict {
 
 /// A shield that hardly lets anything happen has few hard resets for a trivial reason.
 pub(super) fn busy_note(variants: &[&Variant]) -> Option<&'static str> {
-    let shares = medians(variants, share_forward)?;
+    let shares = medians(variants, Summary::forward_percent)?;
     Some(if shares.iter().any(|share| *share < 50.0) {
         "; less than half of the steps are spent forward"
     } else {

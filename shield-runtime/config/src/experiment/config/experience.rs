@@ -56,10 +56,10 @@ impl Default for ExperienceConfig {
 }
 
 impl ExperienceConfig {
-    /// How batches are drawn for a success critic of so many members.
-    pub fn undo(&self, members: usize) -> UndoSettings {
+    /// How batches are drawn for a success critic.
+    pub fn undo(&self) -> UndoSettings {
         let Self { bootstrap_probability, failure_share, success_share, outcome_half_life, .. } = *self;
-        UndoSettings { members, bootstrap_probability, failure_share, success_share, outcome_half_life }
+        UndoSettings { bootstrap_probability, failure_share, success_share, outcome_half_life }
     }
 
     /// The two endings of the reset agent's task.

@@ -1,36 +1,9 @@
-//! The shield in programs of others: in C, and in Rust.
+//! The shield embedded in other programs: in C, and in Rust.
 #![allow(clippy::unwrap_used, reason = "tests")]
 
-use std::{
-    env, fs,
-    path::Path,
-    process::{Command, Output},
-};
+use std::{env, fs, process::Command};
 
-use shield_tests::{plugins_folder, workspace};
-
-fn text(bytes: &[u8]) -> String {
-    String::from_utf8_lossy(bytes).into_owned()
-}
-
-fn succeed(command: &mut Command) -> String {
-    let Output { status, stdout, stderr } = command.output().unwrap();
-    assert!(status.success(), "{command:?}: {}\n{}", text(&stdout), text(&stderr));
-    text(&stdout)
-}
-
-/// Compiles a C program against `shield.h` and the library.
-fn compile(source: &Path, program: &Path) {
-    let folder = plugins_folder();
-    let mut cc = Command::new(env::var_os("CC").unwrap_or_else(|| "cc".into()));
-    cc.args(["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic"]).arg(source);
-    cc.arg("-I").arg(workspace().join("shield-c/include")).arg("-L").arg(&folder).arg("-lshield_runtime");
-    succeed(cc.arg(format!("-Wl,-rpath,{}", folder.display())).arg("-o").arg(program));
-}
-
-fn without_plugins_elsewhere(command: &mut Command) -> &mut Command {
-    command.env_remove("SHIELD_PLUGIN_PATH").env("XDG_DATA_HOME", "/nonexistent")
-}
+use shield_tests::{compile_c_program, plugins_folder, succeed, text, without_plugins_elsewhere, workspace};
 
 /// The numbers in a text.
 fn numbers(text: &str) -> Vec<u32> {
@@ -41,7 +14,7 @@ fn numbers(text: &str) -> Vec<u32> {
 fn a_controller_in_c_learns_not_to_fall_and_finds_its_plugins() {
     let folder = tempfile::tempdir().unwrap();
     let program = folder.path().join("cart");
-    compile(&workspace().join("examples/c/cart.c"), &program);
+    compile_c_program(&workspace().join("examples/c/cart.c"), &program);
     let config = workspace().join("examples/c/cart.ron");
     let said = succeed(without_plugins_elsewhere(Command::new(&program).arg(config)));
     let [aborts, hard_resets, last] = numbers(&said)[..] else { panic!("{said}") };
@@ -60,7 +33,7 @@ fn a_controller_in_c_learns_not_to_fall_and_finds_its_plugins() {
 fn a_program_in_c_gives_its_way_home_and_learns_how_far_it_leads() {
     let folder = tempfile::tempdir().unwrap();
     let program = folder.path().join("controller");
-    compile(&workspace().join("examples/c/controller.c"), &program);
+    compile_c_program(&workspace().join("examples/c/controller.c"), &program);
     let config = workspace().join("examples/c/controller.ron");
     let said = succeed(without_plugins_elsewhere(Command::new(&program).arg(config)));
     let [aborts, hard_resets, of_late] = numbers(&said)[..] else { panic!("{said}") };
@@ -117,7 +90,7 @@ fn a_way_home_in_c_that_fails_is_not_executed() {
     fs::write(at("both.ron"), AT_MOST_HALF).unwrap();
     let reset = AT_MOST_HALF.lines().find(|line| line.contains("reset:")).unwrap();
     fs::write(at("given.ron"), AT_MOST_HALF.replace(reset, "")).unwrap();
-    compile(&at("lost.c"), &at("lost"));
+    compile_c_program(&at("lost.c"), &at("lost"));
     let mut lost = Command::new(at("lost"));
     lost.args([at("given.ron"), at("both.ron")]).current_dir(folder.path());
     succeed(without_plugins_elsewhere(&mut lost));
@@ -172,7 +145,7 @@ fn a_careless_program_in_c_gets_errors_and_safe_actions() {
     let folder = tempfile::tempdir().unwrap();
     let (source, program) = (folder.path().join("careless.c"), folder.path().join("careless"));
     fs::write(&source, CARELESS).unwrap();
-    compile(&source, &program);
+    compile_c_program(&source, &program);
     let config = workspace().join("examples/c/cart.ron");
     let mut careless = Command::new(&program);
     succeed(without_plugins_elsewhere(careless.arg(config).current_dir(folder.path())));
@@ -193,7 +166,7 @@ fn an_adversary_in_c_executes_nothing_that_the_rule_rejects() {
     let folder = tempfile::tempdir().unwrap();
     let (config, program) = (folder.path().join("half.ron"), folder.path().join("adversary"));
     fs::write(&config, AT_MOST_HALF).unwrap();
-    compile(&workspace().join("tests/fixtures/adversary.c"), &program);
+    compile_c_program(&workspace().join("tests/fixtures/adversary.c"), &program);
     let said = succeed(without_plugins_elsewhere(Command::new(&program).arg(config)));
     let [allowed, aborted, hard_resets] = numbers(&said)[..] else { panic!("{said}") };
     assert!(allowed > 10_000 && aborted > 10_000 && hard_resets > 1_000, "{said}");
