@@ -19,8 +19,8 @@ class Report(dict[str, Any]):
 
     - `steps`: of both agents, the count at which to compare with a training without the shield; `your_steps`: your agent's.
     - `episodes`, `hard_resets`: of your agent, and of the environment.
-    - `hard_resets_without_shield`: how many there would have been at least, one after each episode of the environment's length. Episodes that the shield cut short
-      do not count.
+    - `hard_resets_without_shield`: about how many there would have been in as many steps, one after each episode; estimated from the time limit and from your
+      agent's episodes that the shield did not cut short. `hard_resets_for_your_steps`: the same in as many steps as your agent made.
     - `early_aborts`, `projections`: actions that were not executed, and that were altered.
     - `attempts`, `attempts_succeeded`, `realised_risk`: of the reset agent; the share that failed, None before the first.
     - `recent_risk`, `accepted_risk`, `threshold`: of the rule `undo-probability`: the share that failed of the last 100, the one that may fail, and the share of the undo
@@ -34,13 +34,15 @@ class Report(dict[str, Any]):
         resets, usual = self["hard_resets"], self["hard_resets_without_shield"]
         lines = [
             f"{self['steps']} steps, {self['your_steps']} of them your agent's ({share(self['your_steps'], self['steps'])}).",
-            f"{resets} hard resets in {self['episodes']} episodes; without a shield there is one after each, at least {usual}.",
+            f"{resets} hard resets in {self['episodes']} episodes; without a shield about {usual} in as many steps.",
             f"{self['early_aborts']} actions were not executed, {self['projections']} altered.",
             f"{self['attempts_succeeded']} of {self['attempts']} attempts to reset succeeded{risk(self)}.",
         ]
         if self["irreversible_entries"] is not None:
             lines.append(f"{self['irreversible_entries']} times something happened that cannot be undone.")
-        lines += self["findings"] or ["Nothing was found that keeps the shield from helping."]
+        lines += self["findings"]
+        if not self["findings"] and self["verdict"] in ("helps", "too_early"):
+            lines.append("Nothing was found that keeps the shield from helping.")
         lines.append(f"Compare with a training without the shield at {self['steps']} steps.")
         return "\n".join([*lines, self["judgement"]])
 
@@ -64,15 +66,17 @@ def report(
     """What a shield has counted and found so far. An attempt that is under way is not among the attempts. `limit`: the time limit of an episode."""
     count = {name: int(metrics[name]) for name in NAMES}
     attempts, succeeded = count["reset_episodes"] - int(is_resetting), count["reset_successes"]
+    steps, own = count["steps"], count["forward_steps"]
     # Without a shield an aborted episode would have gone on, so that it is none of those that would have ended in a hard reset.
     whole = max(count["forward_episodes"] - count["early_aborts"], 0)
     entries = metrics.get("irreversible_entries")
     figures = Report(
-        steps=count["steps"],
-        your_steps=count["forward_steps"],
+        steps=steps,
+        your_steps=own,
         episodes=count["forward_episodes"],
         hard_resets=count["hard_resets"],
-        hard_resets_without_shield=max(whole, count["steps"] // limit if limit else 0),
+        hard_resets_without_shield=max(round(whole * steps / own) if own else 0, steps // limit if limit else 0),
+        hard_resets_for_your_steps=max(whole, own // limit if limit else 0),
         early_aborts=count["early_aborts"],
         projections=count["projections"],
         attempts=attempts,
@@ -94,9 +98,13 @@ def judgement(figures: Report) -> tuple[str, str]:
     if steps < FEW_STEPS or figures["attempts"] + resets < FEW_RESETS:
         least = f"{FEW_STEPS} steps and {FEW_RESETS} attempts or hard resets"
         return "too_early", f"It is too early to say whether the shield helps: that takes {least}."
-    said = f"{resets} hard resets instead of at least {usual}"
+    said = f"{resets} hard resets instead of about {usual}"
+    for_yours = figures["hard_resets_for_your_steps"]
     if resets >= usual:
         verdict, sentences = "does_not_help", [f"The shield does not help: {said}.", reason(figures)]
+    elif resets >= for_yours:
+        own = f"For as many steps of your agent there would have been about {for_yours}."
+        verdict, sentences = "helps_little", [f"The shield helps little: {said}.", own, reason(figures)]
     elif resets > HELPS * usual:
         verdict, sentences = "helps_little", [f"The shield helps little: {said}.", reason(figures)]
     else:
