@@ -181,8 +181,8 @@ impl Core {
         Ok(verdict(&inside.drop_in, decision.map_err(failed)?))
     }
 
-    /// What was executed led to this observation. Returns how many findings there are. `signal`: reset reward and whether it is in the reset
-    /// set, if there is no reset task. `irreversible`: nothing follows but a count.
+    /// What was executed led to this observation. Returns how many findings there are. `signal`: reset reward and whether it is in the reset set, if there
+    /// is no reset task. `irreversible`: nothing follows but a count.
     fn observe(
         &self,
         py: Python<'_>,
@@ -198,8 +198,8 @@ impl Core {
     }
 
     /// Shows the reset task one more start; nothing else follows.
-    fn observe_start(&self, py: Python<'_>, observation: PyReadonlyArray1<'_, f32>) -> PyResult<()> {
-        self.seen(py, &observation, DropIn::observe_start).map(|_| ())
+    fn observe_start(&self, py: Python<'_>, observation: PyReadonlyArray1<'_, f32>) -> PyResult<usize> {
+        self.seen(py, &observation, DropIn::observe_start)
     }
 
     /// Everything is at its start, where this is observed. `is_inside`: whether it counts as reset, if there is no reset task.
@@ -266,7 +266,7 @@ impl Core {
         self.look(py, DropIn::is_placed)
     }
 
-    /// How often an irreversible state was entered, as far as `observe` was told.
+    /// Steps after which irreversible states were entered, as far as `observe` was told.
     #[getter]
     fn irreversible_entries(&self, py: Python<'_>) -> PyResult<u64> {
         self.look(py, |drop_in| drop_in.counters().irreversible_entries)

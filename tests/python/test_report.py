@@ -1,9 +1,11 @@
 """What a shield says of itself: further starts, irreversible states, and whether it helps."""
 
+import warnings
+
 import numpy as np
 import pytest
 import shield
-from shield._report import report
+from shield._report import figures_of, text_of
 from worlds import BELOW_HALF, EDGE, near_start, table
 
 
@@ -81,17 +83,16 @@ def test_an_answer_of_is_irreversible_that_is_not_a_bool_requires_a_reset(answer
 
 
 def test_a_report_has_the_figures_of_the_metrics():
-    env = shielded(
-        in_reset_set=None, overrides={"experience.batch": 100_000}, is_irreversible=is_down, accepted_risk=0.1
-    )
+    env = shielded(in_reset_set=None, overrides={"experience.batch": 100_000}, is_irreversible=is_down, accepted_risk=0.1)
     env.run(lambda observation: act(0.6), 200, seed=0)
-    report, counted = env.report(), env.metrics()
-    assert report["steps"] == counted["steps"] and report["your_steps"] == counted["forward_steps"]
-    assert report["hard_resets"] == counted["hard_resets"] and report["threshold"] == counted["threshold"]
-    assert report["accepted_risk"] == pytest.approx(0.1)
-    assert report["irreversible_entries"] == counted["irreversible_entries"]
-    assert report["verdict"] == "too_early"
-    assert "10.0% may fail" in str(report) and str(report).endswith(report["judgement"])
+    figures, counted = env.report(as_dict=True), env.metrics()
+    assert figures["steps"] == counted["steps"] and figures["forward_steps"] == counted["forward_steps"]
+    assert figures["attempts"] == counted["reset_episodes"] and figures["hard_resets"] == counted["hard_resets"]
+    assert (figures["accepted_risk"], figures["threshold"]) == (0.1, counted["threshold"])
+    assert figures["irreversible_entries"] == counted["irreversible_entries"]
+    assert figures["verdict"] == "too_early"
+    text = env.report()
+    assert "accepted 10.0%" in text and f"{figures['steps']:,} steps" in text and figures["judgement"] in text
 
 
 COUNTS = {
@@ -103,17 +104,16 @@ COUNTS = {
     "reset_episodes": 80.0,
     "reset_successes": 78.0,
     "hard_resets": 2.0,
-    "accepted_risk": 0.05,
 }
 
 
 @pytest.mark.parametrize(
     ("changed", "verdict", "says"),
     [
-        ({}, "helps", "helps: 2 hard resets instead of about 100"),
+        ({}, "helps", "2 hard resets instead of about 100"),
         ({"forward_steps": 3_000.0}, "helps", "only 30% of the steps"),
-        ({"reset_successes": 60.0, "hard_resets": 20.0}, "helps", "fail than you accept: 25% instead of 5%"),
-        ({"reset_successes": 10.0, "hard_resets": 70.0}, "helps_little", "70 of 80 attempts to reset failed"),
+        ({"reset_successes": 60.0, "hard_resets": 20.0}, "helps", "25% of the attempts failed, and 5% are accepted"),
+        ({"reset_successes": 10.0, "hard_resets": 70.0}, "helps_little", "70 of 80 attempts to get back failed"),
         ({"reset_successes": 0.0, "hard_resets": 120.0}, "does_not_help", "does not help: 120 hard resets"),
         ({"reset_episodes": 0.0, "reset_successes": 0.0, "hard_resets": 120.0}, "does_not_help", "never in charge"),
         ({"hard_resets": 120.0}, "does_not_help", "followed an end of the environment"),
@@ -123,10 +123,20 @@ COUNTS = {
     ],
 )
 def test_the_judgement_says_whether_the_shield_helps_and_why_not(changed, verdict, says):
-    judged = report(COUNTS | changed, [], False, 100)
-    assert judged["verdict"] == verdict and says in judged["judgement"], judged["judgement"]
-    assert judged["judgement"] in str(judged)
+    figures = figures_of(COUNTS | changed, 0.05, None, 100)
+    assert figures["verdict"] == verdict and says in figures["judgement"], figures["judgement"]
+    assert text_of(figures).endswith(figures["judgement"])
 
 
-def test_a_report_of_nothing_says_so():
-    assert "too early" in str(shielded().report())
+def test_what_was_found_is_in_the_report():
+    env = shielded(in_reset_set=lambda _: False, episode_length=20)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", shield.ShieldWarning)
+        env.run(lambda _: act(0.1), 2_000, seed=0)
+    found = [sentence for _, sentence in env.findings()]
+    assert found and env.report(as_dict=True)["findings"] == found and found[0] in env.report()
+
+
+def test_nothing_was_done_yet():
+    text = shielded().report()
+    assert "too early" in text and "0, of them your agent's 0" in text

@@ -84,6 +84,8 @@ fn every_field_of_an_experiment_changes_a_run_in_the_gridworld() {
         &experiment.replace("stop_on_reset: true", "stop_on_reset: false"),
         &["shield.reset_test=FinalState"],
     );
+    let aborting = experiment.replace("warm_up_steps: 0,", "warm_up_steps: 0, on_abort: Truncate,");
+    all_change(&aborting, &["experience.abort_lifetime=Some(20)"]);
     let patient = experiment.replace("stop_on_reset: true", "reset_attempts: 3");
     all_change(&patient, &["shield.between_attempts=Reset"]);
 }

@@ -9,7 +9,6 @@
 from ._core import ConfigError, ShieldError, __version__, usual_config
 from ._doctor import Check, Checkup, doctor
 from ._env import ShieldedEnv
-from ._report import Report
 from ._shield import Decision, Shield, ShieldWarning
 
 __all__ = [
@@ -17,7 +16,6 @@ __all__ = [
     "Checkup",
     "ConfigError",
     "Decision",
-    "Report",
     "Shield",
     "ShieldError",
     "ShieldWarning",

@@ -13,9 +13,9 @@ import gymnasium
 from gymnasium.utils import RecordConstructorArgs
 
 from ._core import ConfigError
-from ._report import Report, report
+from ._report import figures_of, text_of
 from ._settings import Settings
-from ._shield import Decision, Shield, answer_of
+from ._shield import Decision, Shield, told
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
@@ -37,10 +37,9 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     Three arguments are its own:
 
     - `abort_reward`: the reward of a step that was aborted.
-    - `calibration_resets`: before the first step the environment is reset so many times more, so that the reset task sees how far the starts scatter. They are not
-      counted. In a simulator 20 are cheap; on a robot each is a hard reset by a person.
-    - `is_irreversible(observation)` says, as a bool, whether something happened that cannot be undone, such as a fall. It changes nothing; `metrics` and `report`
-      count how often it begins to be so, in the steps of both agents.
+    - `calibration_resets`: before the first step the environment is reset so many more times, so that the reset task sees how far its starts scatter. In a simulator 20
+      are cheap; on a robot each is a hard reset by a person. They are not counted.
+    - `is_irreversible(observation)` says, as a bool, whether nobody can get back from there. It changes nothing; entries into such states are counted, whoever acted.
 
     The other arguments are those of `Shield`, where each is explained; `episode_length` is the time limit of the environment if it has one and there is no
     `config`.
@@ -59,8 +58,8 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         **settings: Unpack[Settings],
     ) -> None:
         settings |= {"reset_reward": reset_reward, "in_reset_set": in_reset_set, "config": config}
-        own = {"abort_reward": abort_reward, "calibration_resets": calibration_resets, "is_irreversible": is_irreversible}
-        RecordConstructorArgs.__init__(self, _disable_deepcopy=True, **own, **settings)
+        own = {"calibration_resets": calibration_resets, "is_irreversible": is_irreversible}
+        RecordConstructorArgs.__init__(self, _disable_deepcopy=True, abort_reward=abort_reward, **own, **settings)
         if is_irreversible is not None and not callable(is_irreversible):
             raise TypeError(f"is_irreversible is {is_irreversible!r}, not a function of an observation")
         env, self._limit = without_time_limits(env)
@@ -72,15 +71,14 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         self.shield = Shield(env.observation_space, env.action_space, **settings)
         self._observation: Any = None
         self._is_irreversible = is_irreversible
-        self._calibration_resets = self._checked(calibration_resets)
+        self._calibration_resets = self._checked_calibration_resets(calibration_resets)
 
-    def _checked(self, calibration_resets: int) -> int:
-        number = calibration_resets
+    def _checked_calibration_resets(self, number: int) -> int:
         if isinstance(number, bool) or not isinstance(number, numbers.Integral) or number < 0:
             raise ConfigError(f"calibration_resets={number!r}: it is a whole number, 0 or more")
-        if number and not self.shield.has_reset_task:
-            remedy = 'leave it out, since reset_reward and in_reset_set already say what "reset" means'
-            raise ConfigError(f"calibration_resets={number!r}: there is no reset task that learns from starts; {remedy}")
+        if number and self.shield.is_told:
+            remedy = "leave it out: reset_reward and in_reset_set already say what \"reset\" means"
+            raise ConfigError(f"calibration_resets={number!r}: there is no reset task that would learn from them; {remedy}")
         return int(number)
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
@@ -144,9 +142,18 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             counted["irreversible_entries"] = float(self.shield.irreversible_entries)
         return counted
 
-    def report(self) -> Report:
-        """Whether the shield helped so far: print it, or look its figures up by name."""
-        return report(self.metrics(), self.findings(), self.shield.resetting, self._limit)
+    def report(self, *, as_dict: bool = False) -> str | dict[str, Any]:
+        """Says in a few lines what the shield has done so far, what it cost, and whether it helps.
+
+        `as_dict` gives the figures by name; those that are not known are None.
+        """
+        shield = self.shield
+        risk = shield.accepted_risk, shield.accepted_hard_resets_per_1000
+        counted = self.metrics()
+        # One that is under way has no outcome yet.
+        counted["reset_episodes"] -= shield.resetting
+        figures = figures_of(counted, *risk, self._limit, self.findings())
+        return figures if as_dict else text_of(figures)
 
     def findings(self) -> list[tuple[str, str]]:
         """What keeps the shield from helping, as `Shield.findings`."""
@@ -171,10 +178,8 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     def _execute(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
         try:
             observation, reward, terminated, truncated, info = self.env.step(action)
-            is_irreversible = self._is_irreversible is not None and answer_of(
-                "is_irreversible", self._is_irreversible(observation)
-            )
-            self.shield.observe(observation, terminated=bool(terminated), irreversible=is_irreversible)
+            irreversible = self._is_irreversible is not None and told("is_irreversible", self._is_irreversible(observation))
+            self.shield.observe(observation, terminated=bool(terminated), irreversible=irreversible)
             truncated, info = bool(truncated), dict(info)
             if truncated:
                 # It has ended its episode by itself, and does not promise to go on from here.

@@ -43,8 +43,8 @@ PATHS = {
 FIRST_RULE = "shield.rules[0].plugin"
 SCHEDULE = "shield.rules[0].config.schedule"
 
-#: The rule that has an accepted risk.
-UNDO_PROBABILITY = "undo-probability"
+#: The rule that has an accepted risk, and what it accepts where nothing is said.
+UNDO_PROBABILITY, USUAL_RISK = "undo-probability", 0.2
 
 
 def refuse_unknown(settings: Settings) -> None:
@@ -84,6 +84,25 @@ def overrides_of_first_rule(
             raise ConfigError(f"q_min={q_min!r}: {first}, which compares probabilities and has no q_min; {remedy}")
         sets.append(override_of_q_min(q_min, written_at(SCHEDULE)))
     return sets
+
+
+def accepted_risk_of(written_at: Callable[[str], str | None]) -> tuple[float | None, float | None]:
+    """The accepted risk of the first rule, and its budget of hard resets per 1,000 steps; None where it has none."""
+
+    def number(field: str) -> float | None:
+        text = (written_at(f"shield.rules[0].config.{field}") or "None").strip()
+        text = text.removeprefix("Some(").removesuffix(")")
+        return None if text == "None" else float(text)
+
+    is_adapting = (written_at("shield.rules[0].config.adapt") or "true").strip() == "true"
+    if (written_at(FIRST_RULE) or "").strip().strip('"') != UNDO_PROBABILITY or not is_adapting:
+        return None, None
+    try:
+        accepted_risk, budget = number("accepted_risk"), number("hard_resets_per_1000")
+    except ValueError:
+        # Written in another way than this can read, such as with a comment in it.
+        return None, None
+    return (USUAL_RISK if accepted_risk is None and budget is None else accepted_risk), budget
 
 
 def override_of_q_min(q_min: float, schedule: str | None) -> tuple[str, str, str]:

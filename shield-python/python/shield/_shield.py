@@ -12,7 +12,7 @@ import numpy as np
 from gymnasium import spaces
 
 from ._core import Core, written_at
-from ._settings import Settings, overrides, overrides_of_first_rule, refuse_unknown
+from ._settings import Settings, accepted_risk_of, overrides, overrides_of_first_rule, refuse_unknown
 from ._spaces import Floats, Observations, actions
 
 if TYPE_CHECKING:
@@ -90,11 +90,11 @@ class Meaning:
 
     def _is_reset(self, observation: Any) -> bool:
         assert self._in_reset_set is not None
-        return answer_of("in_reset_set", self._in_reset_set(observation))
+        return told("in_reset_set", self._in_reset_set(observation))
 
 
-def answer_of(name: str, answer: Any) -> bool:
-    """The answer of a function of the user's that gives a bool; TypeError for any other."""
+def told(name: str, answer: Any) -> bool:
+    """The answer of a function of the user's that gives a bool. Raises TypeError if it is none."""
     try:
         # Of numpy or torch.
         bare = answer.item()
@@ -128,11 +128,11 @@ class Shield:
       enough, and without either the reset task of the configuration decides: likeness to the observed starts.
     - `config`: a RON file; without one, `usual_config(is_discrete)`.
     - `tensorboard`: a folder for an event file with counts and the reset agent's figures.
-    - `accepted_risk`: the share of attempts to reset that may fail (0.2), for the rule `undo-probability`, which must be the first. With a smaller
-      one the shield is stricter.
-    - `q_min`: the least reset value at which an action is executed, for a first rule that compares them, such as `ensemble-threshold`; where that
+    - `accepted_risk`: the share of attempts to reset that may fail (0.2), for the rule `undo-probability`, which must be the first. A smaller one makes
+      the shield stricter.
+    - `q_min`: the least value at which an action is executed, for a first rule that has one, such as `ensemble-threshold`, in the rule's terms; where it
       has a schedule, what it grows to. The usual configuration has no such rule.
-    - `warm_up_steps`: in the first so many steps (1,000) no rule that needs reset values is asked; the usual one needs none.
+    - `warm_up_steps`: in the first so many steps (1,000) a rule that needs the reset agent's values is not asked. The usual rule has no warm-up.
     - `reset_attempts`: failures in a row (1) after which the reset agent gives up; "Unlimited" is never.
     - `episode_length`: steps (500) after which an episode of the reset agent has failed.
     - `updates_per_step`: how often the reset agent learns after each step; 0 is never.
@@ -147,17 +147,24 @@ class Shield:
         refuse_unknown(settings)
         config = settings.get("config")
         self._meaning = Meaning(settings)
+        #: Whether functions say what "reset" means, and no reset task.
+        self.is_told = self._meaning.is_told
         self._observations, self._actions = Observations(observation_space), actions(action_space)
         low, high = self._observations.low.tolist(), self._observations.high.tolist()
 
         sets = overrides(settings)
-        if self._meaning.is_told:
+        if self.is_told:
             sets.insert(0, ("reset_task", "None", "reset_reward and in_reset_set"))
+
+        def written(path: str) -> str | None:
+            return written_at(config, isinstance(action_space, spaces.Discrete), sets, path)
+
         # Last, for an override may have put another rule there.
-        is_discrete = isinstance(action_space, spaces.Discrete)
-        sets += overrides_of_first_rule(settings, lambda path: written_at(config, is_discrete, sets, path))
+        sets += overrides_of_first_rule(settings, written)
         self._core = Core((low, high), self._actions.form, config, sets, PLUGINS, settings.get("tensorboard"))
-        if not self._meaning.is_told and not self._core.has_reset_task:
+        #: The share of attempts that may fail, and how many hard resets per 1,000 steps, as the first rule accepts them; None where it does not.
+        self.accepted_risk, self.accepted_hard_resets_per_1000 = accepted_risk_of(written)
+        if not self.is_told and not self._core.has_reset_task:
             raise ValueError(NO_MEANING)
         #: How many findings were told.
         self._told = 0
@@ -272,11 +279,6 @@ class Shield:
     def needs_hard_reset(self) -> bool:
         """Whether the reset agent has given up, or the environment has ended."""
         return self._core.needs_hard_reset
-
-    @property
-    def has_reset_task(self) -> bool:
-        """Whether a reset task says what "reset" means, and no function."""
-        return self._core.has_reset_task
 
     @property
     def irreversible_entries(self) -> int:

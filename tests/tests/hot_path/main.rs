@@ -4,6 +4,7 @@
 #![allow(clippy::unwrap_used, reason = "tests")]
 
 mod malloc_ffi;
+mod undo;
 
 use malloc_ffi::allocations;
 use rand::RngExt;

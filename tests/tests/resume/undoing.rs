@@ -8,7 +8,7 @@ use super::{Run, Sabotage, same};
 
 /// The gridworld with a memory that forgets, tables for undo probabilities, and a rule that rejects often at the start too.
 fn undoing_grid() -> String {
-    let learned = r#"rules: [(plugin: "undo-probability", config: (accepted_risk: 0.05, initial_threshold: 1.0, relative: false))],
+    let learned = r#"rules: [(plugin: "undo-probability", config: (initial_threshold: 0.9, relative: false, adapt: false))],
         success_critic: (plugin: "tabular-success"), on_abort: Penalise(0.5), shield_exploration: true,"#;
     with_shield(&gridworld(1_500, "checkpoint: (every: 400),"), learned)
         .replace("batch: 16", "batch: 16, capacity: 150, bootstrap_probability: 0.7, cost_weight: 0.1")
@@ -36,7 +36,7 @@ fn a_success_critic_and_its_attempts_continue_exactly_within_an_attempt_and_betw
     let within = steps_within_attempts(&expected);
     let mut sabotages: Vec<_> = within.iter().rev().step_by(3).take(5).map(|step| stop(*step)).collect();
     let attempts = sabotages.len();
-    sabotages.extend([1, 5, 40, 70].map(rejection));
+    sabotages.extend([1, 2, 3, 5, 8, 40, 70].map(rejection));
     sabotages.extend([stop(1), stop(64), stop(400), stop(403), stop(1_499), crash(401), crash(1_111)]);
     let mut interrupted = [0, 0];
     for sabotage in sabotages {
@@ -48,7 +48,7 @@ fn a_success_critic_and_its_attempts_continue_exactly_within_an_attempt_and_betw
         run.go(Sabotage::None);
         same(&expected, &run, &format!("{sabotage:?}"));
     }
-    assert!(attempts > 2 && interrupted[0] > 1 && interrupted[1] >= attempts, "{attempts}: {interrupted:?}");
+    assert!(attempts > 2 && interrupted[0] > 0 && interrupted[1] >= attempts, "{attempts}: {interrupted:?}");
 }
 
 /// Steps after which an attempt is under way.
