@@ -4,15 +4,16 @@
 #![forbid(unsafe_code)]
 
 mod doctor;
+mod reset_policy;
 
 use std::{
     path::{Path, PathBuf},
-    sync::{Mutex, MutexGuard},
+    sync::{Arc, Mutex, MutexGuard},
 };
 
 use numpy::{PyReadonlyArray1, PyReadwriteArray1};
 use pyo3::{
-    create_exception,
+    PyTraverseError, PyVisit, create_exception,
     exceptions::{PyRuntimeError, PyValueError},
     prelude::*,
     sync::MutexExt,
@@ -27,6 +28,8 @@ use shield_runtime::{
     experiment::{Defaults, DropInFile, InputError, Override},
     plugin::{Registry, SearchPath},
 };
+
+use self::reset_policy::ResetPolicy;
 
 create_exception!(shield, ConfigError, PyValueError, "A setting that must be changed, with its place.");
 /// A finding: its name and its sentence.
@@ -73,6 +76,8 @@ struct Core {
     rules: Vec<String>,
     #[pyo3(get)]
     has_reset_task: bool,
+    /// The user's, in the place of a reset agent that learns.
+    reset_policy: Option<Arc<ResetPolicy>>,
 }
 
 impl Core {
@@ -81,6 +86,9 @@ impl Core {
             return Err(failed(
                 "the shield was made in another process; a forked one needs a shield of its own",
             ));
+        }
+        if self.reset_policy.as_ref().is_some_and(|policy| policy.is_calling()) {
+            return Err(failed("reset_policy used the shield that asked it, which waits for its action"));
         }
         self.inside.lock_py_attached(py).map_err(|_| failed("the shield panicked"))
     }
@@ -132,9 +140,11 @@ fn copy(name: &str, array: &PyReadonlyArray1<'_, f32>, into: &mut [f32]) -> PyRe
 #[pymethods]
 impl Core {
     /// `observation`: lower and upper bounds. `action`: the same, or a number of choices. `config`: a RON file; without one, the usual
-    /// configuration. `plugins`: the folder of the wheel.
+    /// configuration. `plugins`: the folder of the wheel. `reset_policy`: a function from a flat observation to a flat action, if the
+    /// configuration names no reset agent.
     #[new]
-    #[pyo3(signature = (observation, action, config, sets, plugins, tensorboard))]
+    #[pyo3(signature = (observation, action, config, sets, plugins, tensorboard, reset_policy))]
+    #[expect(clippy::too_many_arguments, reason = "Python's keyword arguments")]
     fn new(
         py: Python<'_>,
         observation: (Vec<f32>, Vec<f32>),
@@ -143,12 +153,18 @@ impl Core {
         sets: Vec<Set>,
         plugins: PathBuf,
         tensorboard: Option<PathBuf>,
+        reset_policy: Option<Py<PyAny>>,
     ) -> PyResult<Self> {
         let spaces = spaces(observation, action)?;
+        let reset_policy = reset_policy.map(ResetPolicy::new);
         py.detach(move || {
             let file = read(config.as_deref(), Defaults::of(&spaces.action), &sets)?;
             let registry = Registry::scan(&SearchPath::beside(&plugins));
-            let mut drop_in = file.open(&registry, Some(spaces)).map_err(config_error)?;
+            let opened = match &reset_policy {
+                None => file.open(&registry, Some(spaces)),
+                Some(policy) => file.open_with(&registry, Some(spaces), Arc::clone(policy).controller()),
+            };
+            let mut drop_in = opened.map_err(config_error)?;
             if let Some(folder) = tensorboard {
                 drop_in_files::log_to(&mut drop_in, &folder).map_err(failed)?;
             }
@@ -161,6 +177,7 @@ impl Core {
                 process: std::process::id(),
                 rules,
                 has_reset_task: file.config.reset_task.is_some(),
+                reset_policy,
             })
         })
     }
@@ -178,6 +195,7 @@ impl Core {
         copy("the action", &action, &mut inside.action)?;
         let decision = py.detach(|| inside.drop_in.filter(&inside.observation, &mut inside.action));
         action.as_slice_mut()?.copy_from_slice(&inside.action);
+        self.raise(inside)?;
         Ok(verdict(&inside.drop_in, decision.map_err(failed)?))
     }
 
@@ -289,6 +307,10 @@ impl Core {
         self.with(py, |inside| drop_in_files::save(&mut inside.drop_in, &path))?.map_err(failed)
     }
 
+    fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
+        self.reset_policy.as_ref().map_or(Ok(()), |policy| policy.traverse(&visit))
+    }
+
     fn load(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
         self.with(py, |inside| drop_in_files::load(&mut inside.drop_in, &path))?.map_err(failed)
     }
@@ -304,8 +326,19 @@ impl Core {
         let mut inside = self.lock(py)?;
         let inside: &mut Inside = &mut inside;
         copy("the observation", observation, &mut inside.observation)?;
-        py.detach(|| body(&mut inside.drop_in, &inside.observation)).map_err(failed)?;
+        let seen = py.detach(|| body(&mut inside.drop_in, &inside.observation));
+        self.raise(inside)?;
+        seen.map_err(failed)?;
         Ok(inside.drop_in.findings().count())
+    }
+
+    /// What the user's reset policy raised reaches the user as it is. Nothing may move then before a hard reset.
+    fn raise(&self, inside: &mut Inside) -> PyResult<()> {
+        let raised = self.reset_policy.as_ref().and_then(|policy| policy.take_raised());
+        raised.map_or(Ok(()), |error| {
+            inside.drop_in.require_hard_reset(HardResetDue::Lost);
+            Err(error)
+        })
     }
 }
 

@@ -1,4 +1,5 @@
 import os
+from collections.abc import Callable
 from typing import Final, final
 
 import numpy as np
@@ -32,6 +33,7 @@ class Core:
         sets: list[tuple[str, str, str]],
         plugins: str | os.PathLike[str],
         tensorboard: str | os.PathLike[str] | None,
+        reset_policy: Callable[[npt.NDArray[np.float32]], npt.NDArray[np.float32]] | None,
     ) -> Core: ...
     def filter(
         self, observation: npt.NDArray[np.float32], action: npt.NDArray[np.float32]

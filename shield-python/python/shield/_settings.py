@@ -15,6 +15,7 @@ class Settings(TypedDict, total=False):
 
     reset_reward: Callable[[Any], float] | None
     in_reset_set: Callable[[Any], bool] | None
+    reset_policy: Callable[[Any], Any] | None
     config: str | os.PathLike[str] | None
     tensorboard: str | os.PathLike[str] | None
     accepted_risk: float | None

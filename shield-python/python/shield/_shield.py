@@ -12,6 +12,7 @@ import numpy as np
 from gymnasium import spaces
 
 from ._core import Core, written_at
+from ._reset_policy import flat_policy
 from ._settings import Settings, accepted_risk_of, overrides, overrides_of_first_rule, refuse_unknown
 from ._spaces import Floats, Observations, actions
 
@@ -126,6 +127,8 @@ class Shield:
 
     - `reset_reward(observation)` is large, up to 1, where the environment is as at its start; `in_reset_set(observation)` says, as a bool, whether it is. One is
       enough, and without either the reset task of the configuration decides: likeness to the observed starts.
+    - `reset_policy(observation)` gives the action that leads home, in the place of a reset agent that learns; the shield learns how far it does. It
+      is also asked about observations of the past, so it must not remember anything. Its observations are rounded to 32-bit floats.
     - `config`: a RON file; without one, `usual_config(is_discrete)`.
     - `tensorboard`: a folder for an event file with counts and the reset agent's figures.
     - `accepted_risk`: the share of attempts to reset that may fail (0.2), for the rule `undo-probability`, which must be the first. A smaller one makes
@@ -159,9 +162,14 @@ class Shield:
         def written(path: str) -> str | None:
             return written_at(config, isinstance(action_space, spaces.Discrete), sets, path)
 
+        way_home = flat_policy(settings.get("reset_policy"), self._observations, self._actions)
+        if way_home is not None:
+            # It takes the place of whatever agent the configuration names.
+            sets.insert(0, ("reset", "None", "reset_policy"))
         # Last, for an override may have put another rule there.
         sets += overrides_of_first_rule(settings, written)
-        self._core = Core((low, high), self._actions.form, config, sets, PLUGINS, settings.get("tensorboard"))
+        tensorboard = settings.get("tensorboard")
+        self._core = Core((low, high), self._actions.form, config, sets, PLUGINS, tensorboard, way_home)
         #: The share of attempts that may fail, and how many hard resets per 1,000 steps, as the first rule accepts them; None where it does not.
         self.accepted_risk, self.accepted_hard_resets_per_1000 = accepted_risk_of(written)
         if not self.is_told and not self._core.has_reset_task:

@@ -60,6 +60,10 @@ class Observations:
         """Flattens an observation into a vector."""
         into[:] = flattened(self.space, observation, "the observation")
 
+    def read(self, seen: Floats) -> Any:
+        """The observation behind a vector."""
+        return spaces.unflatten(self.space, seen)
+
 
 class Boxed:
     """Actions of a box of fractions with finite bounds."""
@@ -78,16 +82,20 @@ class Boxed:
         self.space = space
         low, high = (bound.astype(np.float32).reshape(-1) for bound in (space.low, space.high))
         self.form = low.tolist(), high.tolist()
+        self.low, self.high = low, high
         self.below, self.above = np.nextafter(low, np.float32(-np.inf)), np.nextafter(high, np.float32(np.inf))
         self.length = int(np.prod(space.shape))
         self.is_single = space.dtype == np.float32
 
-    def read(self, action: Any, into: Floats) -> np.ndarray:
+    def has(self, action: Floats) -> bool:
+        return bool(np.all((action >= self.low) & (action <= self.high)))
+
+    def read(self, action: Any, into: Floats, name: str = "the action") -> np.ndarray:
         """Flattens an action into a vector, and returns it in the space's dtype: what is judged is what may be executed."""
         values = np.asarray(action)
         if values.shape != self.space.shape or values.dtype.kind not in "fiu":
             raise ValueError(
-                f"the action has {described(values)}; the action space {self.space} wants shape {self.space.shape}"
+                f"{name} has {described(values)}; the action space {self.space} wants shape {self.space.shape}"
                 f" and dtype {self.space.dtype}"
             )
         values = values.astype(self.space.dtype, copy=False)
@@ -122,11 +130,14 @@ class Chosen:
         self.space = space
         self.form, self.start = int(space.n), int(space.start)
 
-    def read(self, action: Any, into: Floats) -> Any:
+    def has(self, action: Floats) -> bool:
+        return bool(0 <= action[0] < self.form)
+
+    def read(self, action: Any, into: Floats, name: str = "the action") -> Any:
         value = np.asarray(action)
         if value.shape != () or value.dtype.kind not in "iu":
             raise ValueError(
-                f"the action has {described(value)}; the action space {self.space} wants shape () and dtype"
+                f"{name} has {described(value)}; the action space {self.space} wants shape () and dtype"
                 f" {self.space.dtype}"
             )
         into[0] = int(value) - self.start

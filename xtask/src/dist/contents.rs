@@ -15,15 +15,19 @@ use crate::{cargo, native};
 /// The library for programs in C. It lies beside `plugins`, where it looks for them.
 const RUNTIME: &str = "libshield_runtime.so";
 /// What can be tried without the source; the programs in Rust build against the runtime, which is not packed.
-const EXAMPLES: [&str; 12] = [
+const EXAMPLES: [&str; 16] = [
     "quickstart.ron",
     "gridworld.ron",
     "projection.ron",
     "onnx-cart.ron",
+    "controller-cart.ron",
     "gymnasium-pendulum.ron",
     "policies/cart.onnx",
+    "policies/home.onnx",
     "c/cart.c",
     "c/cart.ron",
+    "c/controller.c",
+    "c/controller.ron",
     "plugins/README.md",
     "plugins/tank.ron",
     "plugins/tank-c/tank.c",
