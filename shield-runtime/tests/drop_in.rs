@@ -6,7 +6,9 @@ mod common;
 use std::{fs, ops::Range, path::Path, thread};
 
 use common::{EPISODE, Rule, Scripted, Seen, spaces};
-use shield_api::{AbortRule, Error, ErrorKind, Phase, ResetSignal, RuleVerdict, Space, Spaces};
+use shield_api::{
+    AbortRule, Checkpoint, Error, ErrorKind, Phase, ResetSignal, ResetTask, RuleVerdict, Space, Spaces,
+};
 use shield_runtime::{
     decision::{Cause, Decision},
     drop_in::{DropIn, DropInBuilder, Learning},
@@ -380,4 +382,48 @@ fn what_keeps_the_shield_from_helping_is_found_once_and_kept() {
     assert_eq!(names(&other), [""; 0]);
     assert!(other.restore(state).is_ok());
     assert_eq!(names(&other), names(&drop_in));
+}
+
+/// Knows as reset what it was shown as a start.
+struct Starts(Vec<f32>);
+
+impl Checkpoint for Starts {}
+
+impl ResetTask for Starts {
+    fn evaluate(&mut self, _: &[f32], _: &[f32], next: &[f32]) -> shield_api::Result<ResetSignal> {
+        Ok(ResetSignal { reward: 0.0, in_reset_set: self.0.contains(&next[0]) })
+    }
+
+    fn observe_start(&mut self, observation: &[f32]) -> shield_api::Result<()> {
+        self.0.push(observation[0]);
+        Ok(())
+    }
+}
+
+#[test]
+fn a_further_start_is_told_to_the_reset_task_alone() {
+    let agent = Scripted::acting(|_, _| -1.0);
+    let mut drop_in = builder(agent).reset_task(Box::new(Starts(Vec::new()))).build().unwrap();
+    drop_in.observe_start(&[1.0]).unwrap();
+    assert!(!drop_in.is_placed() && drop_in.observe_start(&[f32::NAN]).is_err());
+    drop_in.hard_reset_done(&[0.0]).unwrap();
+    drop_in.filter(&[0.0], &mut [0.5]).unwrap();
+    drop_in.observe(&[2.0], None, false).unwrap();
+    assert!(drop_in.begin_reset());
+    drop_in.filter(&[2.0], &mut [0.0]).unwrap();
+    drop_in.observe(&[1.0], None, false).unwrap();
+    assert_eq!((metric(&drop_in, "reset_successes"), metric(&drop_in, "hard_resets")), (1.0, 0.0));
+    let mut without_task = builder(Scripted::acting(|_, _| -1.0)).build().unwrap();
+    assert!(without_task.observe_start(&[1.0]).is_ok() && !without_task.is_placed());
+}
+
+#[test]
+fn entries_into_irreversible_states_are_counted_and_change_nothing() {
+    let mut drop_in = builder(Scripted::acting(|_, _| 0.0)).build().unwrap();
+    for irreversible in [false, true, true, false, true] {
+        drop_in.filter(&[1.0], &mut [0.5]).unwrap();
+        drop_in.observe_and_count(&[1.0], signal(1.0), false, irreversible).unwrap();
+    }
+    assert_eq!((drop_in.counters().irreversible_entries, drop_in.counters().steps), (2, 5));
+    assert!(!drop_in.needs_hard_reset() && drop_in.phase() == Phase::Forward);
 }

@@ -8,6 +8,7 @@ import shield
 from worlds import near_start
 
 RULE = '[(plugin: "linear-constraints", config: (constraints: [(a: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0], b: 0.5)]))]'
+USUAL = {"updates_per_step": 0}
 ENSEMBLE = '[(plugin: "ensemble-threshold", config: (q_min: -1e9))]'
 
 
@@ -40,8 +41,12 @@ def main():
     bare = microseconds(Nothing())
     for name, arguments in {
         "a rule without an ensemble": simple,
-        "the same, near-start judging": {**simple, "in_reset_set": None},
-        "five critics 64-64, not learning": {**simple, "overrides": {"shield.rules": ENSEMBLE}},
+        "the same, calibrated-start judging": {**simple, "in_reset_set": None},
+        "five critics 64-64, not learning": {
+            **simple,
+            "overrides": {"shield.rules": ENSEMBLE, "reset.config.critics": 5},
+        },
+        "the usual settings, not learning": USUAL,
     }.items():
         env = shield.ShieldedEnv(Nothing(), **{"in_reset_set": near_start, **arguments})
         print(f"{name}: {microseconds(env) - bare:.1f} µs a step")

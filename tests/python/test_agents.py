@@ -11,7 +11,6 @@ from worlds import near_start, table
 
 torch.set_num_threads(1)
 SHIELD = {
-    "warm_up_steps": 50,
     "overrides": {"experience.batch": 16, "reset.config.random_steps": 100},
 }
 

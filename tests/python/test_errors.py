@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 import shield
 from gymnasium import spaces
-from worlds import BELOW_HALF, Table, near_start, table
+from worlds import BELOW_HALF, BY_VALUES, Table, near_start, table
 
 
 def act(value):
@@ -285,7 +285,12 @@ def test_an_action_space_that_cannot_be_shielded_is_refused(space, says):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ({"q_min": "high"}, "q_min='high'"),
+        ({"q_min": 5}, "give accepted_risk="),
+        ({"accepted_risk": "high"}, "accepted_risk='high'"),
+        ({"accepted_risk": 1.5}, "accepted_risk"),
+        ({"calibration_resets": -1}, "calibration_resets=-1"),
+        ({"calibration_resets": 2, "in_reset_set": near_start}, "calibration_resets=2.*leave it out"),
+        ({"q_min": "high", "overrides": BY_VALUES}, "q_min='high'"),
         ({"warm_up_steps": -1}, "warm_up_steps=-1"),
         ({"episode_length": 0}, "at least one step"),
         ({"reset_attempts": 0}, "1 failed attempt or more"),

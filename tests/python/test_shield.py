@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import shield
 from gymnasium import spaces
-from worlds import BELOW_HALF, near_start
+from worlds import BELOW_HALF, BY_VALUES, near_start
 
 SPACES = (spaces.Box(-2, 2, (1,)), spaces.Box(-1, 1, (1,)))
 
@@ -66,6 +66,40 @@ def test_q_min_is_where_a_schedule_ends_or_all_along_without_one(rule, is_file, 
             guard.observe(np.zeros(1))
             if guard.metrics()["steps"] > 2:
                 assert verdict in verdicts
+
+
+def test_the_accepted_risk_is_that_of_the_first_rule():
+    def metrics(**arguments):
+        guard = shield.Shield(*SPACES, in_reset_set=near_start, updates_per_step=0, **arguments)
+        guard.filter(np.zeros(1), np.zeros(1, np.float32))
+        guard.observe(np.zeros(1))
+        return guard.metrics()
+
+    assert metrics()["accepted_risk"] == pytest.approx(0.2)
+    assert metrics(accepted_risk=0.4)["accepted_risk"] == pytest.approx(0.4)
+    # The threshold begins at what must succeed.
+    assert metrics(accepted_risk=0.4)["threshold"] == pytest.approx(0.6)
+    assert "accepted_risk" not in metrics(overrides=BELOW_HALF)
+
+
+def test_a_setting_of_another_rule_is_refused_with_the_remedy():
+    with pytest.raises(shield.ConfigError, match="q_min=5.*'undo-probability'.*give accepted_risk="):
+        shield.Shield(*SPACES, q_min=5)
+    with pytest.raises(shield.ConfigError, match="accepted_risk=0.1: .*'ensemble-threshold'.*q_min="):
+        shield.Shield(*SPACES, accepted_risk=0.1, overrides=BY_VALUES)
+    composed = {"shield.rules": '[Any([(plugin: "undo-probability"), (plugin: "undo-probability")])]'}
+    with pytest.raises(shield.ConfigError, match="accepted_risk=0.1: the first rule is composed"):
+        shield.Shield(*SPACES, accepted_risk=0.1, overrides=composed)
+    shield.Shield(*SPACES, q_min=5, overrides=BY_VALUES)
+
+
+def test_the_undo_probability_of_the_proposed_action_is_told():
+    guard = shield.Shield(*SPACES, in_reset_set=near_start)
+    decision = guard.filter(np.zeros(1), np.zeros(1, np.float32))
+    assert 0.0 <= decision.undo_probability <= 1.0 and decision.reset_value is None
+    by_values = shield.Shield(*SPACES, in_reset_set=near_start, overrides=BY_VALUES, warm_up_steps=0)
+    decision = by_values.filter(np.zeros(1), np.zeros(1, np.float32))
+    assert decision.undo_probability is None and np.isfinite(decision.reset_value)
 
 
 def test_other_threads_run_while_the_ensemble_learns():

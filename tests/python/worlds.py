@@ -73,6 +73,9 @@ def table(limit=20, **arguments):
     return gymnasium.wrappers.TimeLimit(Table(**arguments), limit)
 
 
+#: A rule that compares the reset agent's values, and so has a warm-up.
+BY_VALUES = {"shield.rules": '[(plugin: "ensemble-threshold", config: (q_min: -1e9))]'}
+
 #: Nothing is learned, for want of a batch, so that the reset agent tries this and that; an action above a half is rejected.
 BELOW_HALF = {
     "shield.rules": '[(plugin: "linear-constraints", config: (constraints: [(a: [1.0], b: 0.5)]))]',

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import gymnasium
 import numpy as np
 
-from ._core import Examination
+from ._core import Examination, written_at
 from ._env import ShieldedEnv, time_limit
-from ._settings import Settings, overrides, refuse_unknown
+from ._settings import Settings, overrides, overrides_of_first_rule, refuse_unknown
 from ._shield import NO_MEANING, PLUGINS, Meaning
 from ._spaces import Observations, actions
 
@@ -78,6 +78,8 @@ def doctor(
     sets = overrides(settings)
     if meaning.is_told:
         sets.insert(0, ("reset_task", "None", "reset_reward and in_reset_set"))
+    is_discrete = isinstance(env.action_space, gymnasium.spaces.Discrete)
+    sets += overrides_of_first_rule(settings, lambda path: written_at(config, is_discrete, sets, path))
     bounds = observations.low.tolist(), observations.high.tolist()
     examination = Examination(bounds, form, config, sets, PLUGINS)
     if not meaning.is_told and not examination.has_reset_task:

@@ -149,7 +149,10 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         """
         shield = self.shield
         risk = shield.accepted_risk, shield.accepted_hard_resets_per_1000
-        figures = figures_of(self.metrics(), *risk, self._limit)
+        counted = self.metrics()
+        # One that is under way has no outcome yet.
+        counted["reset_episodes"] -= shield.resetting
+        figures = figures_of(counted, *risk, self._limit, self.findings())
         return figures if as_dict else text_of(figures)
 
     def findings(self) -> list[tuple[str, str]]:

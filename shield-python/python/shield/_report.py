@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 #: Before so many steps, and so many attempts to reset, nothing is judged.
@@ -15,14 +16,23 @@ TOLERANCE = 0.03
 
 
 def figures_of(
-    metrics: dict[str, float], accepted_risk: float | None, budget: float | None, limit: int | None
+    metrics: dict[str, float],
+    accepted_risk: float | None,
+    budget: float | None,
+    limit: int | None,
+    findings: Sequence[tuple[str, str]] = (),
 ) -> dict[str, Any]:
-    """The figures that matter, from the counts of a shield. `budget`: accepted hard resets per 1,000 steps; `limit`: the time limit of an episode."""
+    """The figures that matter, from the counts of a shield. `budget`: accepted hard resets per 1,000 steps; `limit`: the time limit of an episode.
+
+    `hard_resets_without_shield`: about how many there would be in as many steps, one after each episode, as far as the time limit and the agent's episodes that the
+    shield did not cut short tell; `hard_resets_for_forward_steps`: the same in as many steps as the agent made.
+    """
     count = {name: int(value) for name, value in metrics.items() if value.is_integer()}
-    steps, attempts, successes = count["steps"], count["reset_episodes"], count["reset_successes"]
+    steps, own = count["steps"], count["forward_steps"]
+    attempts, successes = count["reset_episodes"], count["reset_successes"]
     # An aborted episode would have gone on without a shield, so that it is no episode of the status quo.
     whole = max(count["forward_episodes"] - count["early_aborts"], 0)
-    status_quo = max(whole, steps // limit if limit else 0)
+    status_quo = max(round(whole * steps / own) if own else 0, steps // limit if limit else 0)
     figures: dict[str, Any] = {
         "steps": steps,
         "forward_steps": count["forward_steps"],
@@ -30,6 +40,7 @@ def figures_of(
         "episodes": count["forward_episodes"],
         "hard_resets": count["hard_resets"],
         "hard_resets_without_shield": status_quo,
+        "hard_resets_for_forward_steps": max(whole, own // limit if limit else 0),
         "aborts": count["early_aborts"],
         "projections": count["projections"],
         "attempts": attempts,
@@ -40,6 +51,7 @@ def figures_of(
         "accepted_hard_resets_per_1000": budget,
         "threshold": metrics.get("threshold"),
         "irreversible_entries": count.get("irreversible_entries"),
+        "findings": [sentence for _, sentence in findings],
     }
     figures["verdict"], figures["judgement"] = judgement(figures)
     return figures
@@ -51,9 +63,13 @@ def judgement(figures: dict[str, Any]) -> tuple[str, str]:
     if steps < FEW_STEPS or figures["attempts"] + resets < FEW_ATTEMPTS:
         few = f"{FEW_STEPS:,} steps and {FEW_ATTEMPTS} attempts or hard resets"
         return "too_early", f"It is too early to say whether the shield helps: that takes {few}."
-    said = f"{resets:,} hard resets instead of at least {usual:,}"
+    said = f"{resets:,} hard resets instead of about {usual:,}"
+    for_own = figures["hard_resets_for_forward_steps"]
     if resets >= usual:
         verdict, sentence = "does_not_help", f"The shield does not help: {said}. {reason_of(figures)}"
+    elif resets >= for_own:
+        own = f"For as many steps of your agent there would have been about {for_own:,}."
+        verdict, sentence = "helps_little", f"The shield helps little: {said}. {own} {reason_of(figures)}"
     elif resets > HELPS * usual:
         verdict, sentence = "helps_little", f"The shield helps little: {said}. {reason_of(figures)}"
     else:
@@ -90,7 +106,7 @@ def text_of(figures: dict[str, Any]) -> str:
         ("steps", f"{figures['steps']:,}, of them your agent's {figures['forward_steps']:,}{share}"),
         ("", f"(compare with a training without the shield at {figures['steps']:,} steps)"),
         ("episodes", f"{figures['episodes']:,}"),
-        ("hard resets", f"{figures['hard_resets']:,}; without the shield at least {figures['hard_resets_without_shield']:,}, one after each episode"),
+        ("hard resets", f"{figures['hard_resets']:,}; without the shield about {figures['hard_resets_without_shield']:,} in as many steps"),
         ("aborts", f"{figures['aborts']:,}; actions altered instead: {figures['projections']:,}"),
         ("attempts", attempts_line(figures)),
     ]
@@ -100,6 +116,7 @@ def text_of(figures: dict[str, Any]) -> str:
         lines.append(("threshold", f"{figures['threshold']:.2f}, a share of the undo probability at the start"))
     if figures["irreversible_entries"] is not None:
         lines.append(("irreversible", f"{figures['irreversible_entries']:,} entries"))
+    lines += [("found", sentence) for sentence in figures["findings"]]
     return "\n".join([*(f"{name:<13}{text}" for name, text in lines), figures["judgement"]])
 
 
