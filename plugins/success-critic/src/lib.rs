@@ -6,6 +6,9 @@ mod checkpoint;
 mod config;
 mod critic;
 #[cfg(test)]
+#[path = "../../../tests/critics/support.rs"]
+mod support;
+#[cfg(test)]
 mod tests;
 
 use actor_critic::{

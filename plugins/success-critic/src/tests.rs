@@ -7,6 +7,7 @@ use shield_api::{
     SuccessCritic,
 };
 
+use crate::support::{Attempts, saved};
 use crate::{CriticEnsemble, SuccessCriticConfig};
 
 /// Rows of a random batch.
@@ -31,21 +32,6 @@ fn create(settings: &str, observation_len: usize, action: Space, seed: u64) -> R
 fn critic(settings: &str) -> CriticEnsemble {
     let plain = if settings.contains("normalise") { "" } else { "normalise_observations: false, " };
     create(&format!("{SMALL}, {plain}{settings}"), 3, boxed(), 5).unwrap()
-}
-
-/// The columns of a batch.
-#[derive(Clone, Default)]
-struct Attempts {
-    size: usize,
-    observations: Vec<f32>,
-    actions: Vec<f32>,
-    next_observations: Vec<f32>,
-    next_actions: Vec<f32>,
-    successes: Vec<f32>,
-    continuations: Vec<f32>,
-    outcomes: Vec<f32>,
-    outcome_weights: Vec<f32>,
-    masks: Vec<f32>,
 }
 
 /// What became of one transition.
@@ -88,21 +74,6 @@ impl Attempts {
         self.outcome_weights.push(1.0);
         self.masks.resize(self.size * members, 1.0);
     }
-
-    fn batch(&self) -> AttemptBatch<'_> {
-        AttemptBatch {
-            size: self.size,
-            observations: &self.observations,
-            actions: &self.actions,
-            next_observations: &self.next_observations,
-            next_actions: &self.next_actions,
-            successes: &self.successes,
-            continuations: &self.continuations,
-            outcomes: &self.outcomes,
-            outcome_weights: &self.outcome_weights,
-            masks: &self.masks,
-        }
-    }
 }
 
 fn train(critic: &mut CriticEnsemble, seeds: std::ops::Range<u64>) {
@@ -113,16 +84,6 @@ fn probabilities(critic: &mut CriticEnsemble, observation: &[f32], action: &[f32
     let mut probabilities = vec![9.0; critic.info().members];
     critic.probabilities(observation, action, &mut probabilities).unwrap();
     probabilities
-}
-
-fn mean(values: &[f32]) -> f32 {
-    values.iter().sum::<f32>() / values.len() as f32
-}
-
-fn saved(critic: &CriticEnsemble) -> Vec<u8> {
-    let mut bytes = Vec::new();
-    critic.save(&mut bytes).unwrap();
-    bytes
 }
 
 #[test]

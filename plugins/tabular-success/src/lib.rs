@@ -5,6 +5,9 @@ mod checkpoint;
 mod config;
 mod critic;
 #[cfg(test)]
+#[path = "../../../tests/critics/support.rs"]
+mod support;
+#[cfg(test)]
 mod tests;
 
 use learner_kit::plugin_error;

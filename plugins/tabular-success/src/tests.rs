@@ -5,6 +5,7 @@ use shield_api::{
     SuccessCritic,
 };
 
+use crate::support::{Attempts, mean, saved};
 use crate::{SuccessTables, TabularSuccessConfig};
 
 const STATES: usize = 10;
@@ -32,20 +33,6 @@ struct Row {
     success: f32,
     continuation: f32,
     outcome: f32,
-}
-
-/// The columns of a batch.
-struct Attempts {
-    size: usize,
-    observations: Vec<f32>,
-    actions: Vec<f32>,
-    next_observations: Vec<f32>,
-    next_actions: Vec<f32>,
-    successes: Vec<f32>,
-    continuations: Vec<f32>,
-    outcomes: Vec<f32>,
-    outcome_weights: Vec<f32>,
-    masks: Vec<f32>,
 }
 
 impl Attempts {
@@ -77,37 +64,12 @@ impl Attempts {
             .collect();
         Self::new(&rows, members)
     }
-
-    fn batch(&self) -> AttemptBatch<'_> {
-        AttemptBatch {
-            size: self.size,
-            observations: &self.observations,
-            actions: &self.actions,
-            next_observations: &self.next_observations,
-            next_actions: &self.next_actions,
-            successes: &self.successes,
-            continuations: &self.continuations,
-            outcomes: &self.outcomes,
-            outcome_weights: &self.outcome_weights,
-            masks: &self.masks,
-        }
-    }
 }
 
 fn probabilities(critic: &mut SuccessTables, state: usize, action: usize) -> Vec<f32> {
     let mut probabilities = vec![9.0; critic.info().members];
     critic.probabilities(&one_hot(state), &[action as f32], &mut probabilities).unwrap();
     probabilities
-}
-
-fn mean(values: &[f32]) -> f32 {
-    values.iter().sum::<f32>() / values.len() as f32
-}
-
-fn saved(critic: &SuccessTables) -> Vec<u8> {
-    let mut bytes = Vec::new();
-    critic.save(&mut bytes).unwrap();
-    bytes
 }
 
 #[test]

@@ -5,9 +5,8 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use shield_api::{Checkpoint, ErrorKind, Space, SuccessCritic};
 
-use super::{
-    ACTION, Attempts, End, MEMBERS, OBSERVATION, SIZE, create, critic, mean, probabilities, saved, train,
-};
+use super::{ACTION, End, MEMBERS, OBSERVATION, SIZE, create, critic, probabilities, train};
+use crate::support::{Attempts, mean, saved};
 
 #[test]
 fn before_anything_was_learned_it_is_the_initial_probability_everywhere() {
