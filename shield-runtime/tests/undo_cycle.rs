@@ -64,7 +64,7 @@ impl Walk {
         Self { cycle, cell: 0.0, testimony, lessons }
     }
 
-    /// One step of whoever's turn it is. Returns the episode that ends with it.
+    /// One step of the agent whose turn it is. Returns the episode that ends with it.
     fn step(&mut self, proposed: f32) -> Option<EpisodeEvent> {
         self.step_into(proposed, false)
     }

@@ -46,7 +46,7 @@ def test_calibration_resets_show_the_reset_task_further_starts_once_and_uncounte
     assert again.unwrapped.resets == 1, "what they were for is in the file"
 
 
-def test_entries_into_irreversible_states_are_counted_once_each_whoever_acts(tmp_path):
+def test_entries_into_irreversible_states_of_both_agents_are_counted_once_each(tmp_path):
     env = shielded(is_irreversible=is_down, episode_length=30)
     for episode in range(3):
         env.reset(seed=episode)

@@ -67,15 +67,7 @@ impl Adaptation {
         let (rate, initial) = (f64::from(adaptation_rate), f64::from(initial_threshold(config)));
         Ok(adapt.then_some(Self { accepted, rate, initial }))
     }
-}
 
-/// The threshold before the first attempt.
-pub fn initial_threshold(config: &Config) -> f32 {
-    let usual = 1.0 - config.accepted_risk.unwrap_or(ACCEPTED_RISK);
-    config.initial_threshold.unwrap_or(usual)
-}
-
-impl Adaptation {
     /// The share of attempts that may fail; `None` where the user set a budget of steps.
     pub fn accepted_risk(&self) -> Option<f64> {
         match self.accepted {
@@ -83,6 +75,12 @@ impl Adaptation {
             Accepted::PerStep(_) => None,
         }
     }
+}
+
+/// The threshold before the first attempt.
+pub fn initial_threshold(config: &Config) -> f32 {
+    let usual = 1.0 - config.accepted_risk.unwrap_or(ACCEPTED_RISK);
+    config.initial_threshold.unwrap_or(usual)
 }
 
 fn accepted(risk: Option<f32>, hard_resets_per_1000: Option<f32>) -> Result<Accepted> {

@@ -39,7 +39,8 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     - `abort_reward`: the reward of a step that was aborted.
     - `calibration_resets`: before the first step the environment is reset so many more times, so that the reset task sees how far its starts scatter. In a simulator 20
       are cheap; on a robot each is a hard reset by a person. They are not counted.
-    - `is_irreversible(observation)` says, as a bool, whether nobody can get back from there. It changes nothing; entries into such states are counted, whoever acted.
+    - `is_irreversible(observation)` says, as a bool, whether there is no way back from there. It changes nothing; entries into such states are counted, in the
+      steps of both agents.
 
     The other arguments are those of `Shield`, where each is explained; `episode_length` is the time limit of the environment if it has one and there is no
     `config`.

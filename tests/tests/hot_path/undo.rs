@@ -95,7 +95,7 @@ impl Course {
         self.cycle.placed();
     }
 
-    /// One step of whoever's turn it is, or an abort.
+    /// One step of the agent whose turn it is, or an abort.
     fn step(&mut self, happened: &mut Happened) {
         let Self { cycle, world, .. } = self;
         let role = cycle.turn();

@@ -92,8 +92,8 @@ impl ResetCycle {
     fn count(&mut self, decision: Decision) {
         self.counters.warm_up_decisions += u64::from(decision == Decision::WarmUp);
         self.counters.projections += u64::from(decision.projection().is_some());
-        // A shield that cannot decide any more has not aborted: it has ended.
         self.diagnosis.decided(decision.abort().is_none());
+        // A shield that cannot decide any more has not aborted: it has ended.
         let Some(abort) = decision.abort().filter(|_| !self.is_broken()) else { return };
         self.counters.early_aborts += 1;
         self.counters.failed_closed += u64::from(abort.cause.is_failure());
