@@ -91,6 +91,8 @@
 #define SHIELD_NEED_PROBABILITIES 8
 // The same for the reset agent's greedy action, here and at the start (since 1.1; takes the same extension).
 #define SHIELD_NEED_GREEDY_PROBABILITIES 16
+// The same, but here only once the rule has rejected the action: it is asked without them first, and then again (since 1.1).
+#define SHIELD_NEED_GREEDY_ON_REJECTION 32
 
 // The verdicts in `VerdictView::verdict`; 0 and every other number reject.
 // The action may be executed.

@@ -102,6 +102,8 @@ pub mod need {
     pub const PROBABILITIES: u32 = 8;
     /// The same for the reset agent's greedy action, here and at the start (since 1.1; takes the same extension).
     pub const GREEDY_PROBABILITIES: u32 = 16;
+    /// The same, but here only once the rule has rejected the action: it is asked without them first, and then again (since 1.1).
+    pub const GREEDY_ON_REJECTION: u32 = 32;
 }
 
 /// The verdicts in [`VerdictView::verdict`]; 0 and every other number reject.

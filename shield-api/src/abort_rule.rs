@@ -17,6 +17,9 @@ pub struct Needs {
     pub probabilities: bool,
     /// The success critic's estimates for the reset agent's greedy action, here and where the last reset ended.
     pub greedy_probabilities: bool,
+    /// The same, but here only once the rule has rejected the action: it is asked without them first, and then again. Saves a valuation for
+    /// every action that is allowed.
+    pub greedy_on_rejection: bool,
 }
 
 impl Needs {
@@ -27,7 +30,12 @@ impl Needs {
 
     /// Whether it needs a success critic.
     pub fn undo_probabilities(&self) -> bool {
-        self.probabilities || self.greedy_probabilities
+        self.probabilities || self.any_greedy_probabilities()
+    }
+
+    /// Whether it needs the success critic's estimates for the reset agent's greedy action, always or after a rejection.
+    pub fn any_greedy_probabilities(&self) -> bool {
+        self.greedy_probabilities || self.greedy_on_rejection
     }
 
     /// What either of both needs.
@@ -39,6 +47,7 @@ impl Needs {
             forward_values: self.forward_values || other.forward_values,
             probabilities: self.probabilities || other.probabilities,
             greedy_probabilities: self.greedy_probabilities || other.greedy_probabilities,
+            greedy_on_rejection: self.greedy_on_rejection || other.greedy_on_rejection,
         }
     }
 }
@@ -72,9 +81,10 @@ pub struct RuleContext<'a> {
     pub forward_values: &'a [f32],
     /// P(s, a) of each member of the success critic at the proposed action, if [`Needs::probabilities`].
     pub probabilities: &'a [f32],
-    /// P(s, π_reset(s)) of each member, if [`Needs::greedy_probabilities`].
+    /// P(s, π_reset(s)) of each member, if [`Needs::greedy_probabilities`]. With [`Needs::greedy_on_rejection`] empty until the rule has
+    /// rejected the action.
     pub greedy_probabilities: &'a [f32],
-    /// The same in the state in which the last reset ended, where nothing had to be undone yet, if [`Needs::greedy_probabilities`].
+    /// The same in the state in which the last reset ended, where nothing had to be undone yet, if one of the two is needed.
     pub start_probabilities: &'a [f32],
     /// γ of the reset agent.
     pub discount: f32,

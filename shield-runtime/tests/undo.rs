@@ -23,6 +23,7 @@ const NEEDS: Needs = Needs {
     forward_values: false,
     probabilities: true,
     greedy_probabilities: true,
+    greedy_on_rejection: false,
 };
 
 /// P(s, a) = observation − action for both members, and its gradient.
@@ -113,6 +114,40 @@ fn a_rule_is_given_the_probabilities_of_the_action_of_the_reset_agents_action_an
     ladder.go_on_from(Some(&start));
     assert_eq!(filter(&mut ladder, 0.9, &mut 0.2), Decision::Allow);
     assert_eq!(seen.lock().unwrap().last(), Some(&[70.0, 80.0, 40.0]));
+}
+
+#[test]
+fn the_reset_agents_own_action_is_valued_for_a_rule_that_rejects_and_always_for_a_record() {
+    // Per evaluation: how many estimates it was given for the reset agent's action.
+    let asked = |is_thorough: bool| {
+        let seen = Arc::new(Mutex::new(Vec::new()));
+        let notes = Arc::clone(&seen);
+        let judge = move |context: &RuleContext<'_>| {
+            notes.lock().unwrap().push(context.greedy_probabilities.len());
+            assert!(context.start_probabilities.iter().all(|start| (start - 0.8).abs() < 1e-6));
+            let probability = context.probabilities[0];
+            // Undoing from 0.5 is no safer than 0.1 itself.
+            let gains_nothing = context.greedy_probabilities.first().is_some_and(|own| *own <= probability);
+            Ok(RuleVerdict::from_safe(probability >= 0.5 || gains_nothing, probability))
+        };
+        let needs = Needs { probabilities: true, greedy_on_rejection: true, ..Needs::default() };
+        let mut ladder = ladder(Box::new(Rule { needs, judge: Box::new(judge) }), &reset_agent());
+        ladder.be_thorough(is_thorough);
+        let decisions = [(0.9, 0.2), (0.9, 0.3), (0.5, 0.3), (0.5, 0.1)].map(|(observation, action)| {
+            let aborted = filter(&mut ladder, observation, &mut { action }).abort().is_some();
+            let known = ladder.judgement().greedy_probabilities.iter().all(|value| value.is_finite());
+            (aborted, known)
+        });
+        let evaluations = seen.lock().unwrap().clone();
+        (decisions, evaluations)
+    };
+    // The first decision measures the start.
+    let (decisions, evaluations) = asked(false);
+    assert_eq!(decisions, [(false, true), (false, false), (true, true), (false, true)]);
+    assert_eq!(evaluations, [2, 0, 0, 2, 0, 2]);
+    let (decisions, evaluations) = asked(true);
+    assert_eq!(decisions, [(false, true), (false, true), (true, true), (false, true)]);
+    assert_eq!(evaluations, [2; 4]);
 }
 
 #[test]

@@ -8,7 +8,7 @@ use std::{
 
 use criterion::{Criterion, criterion_group, criterion_main};
 use mujoco_rs::prelude::{MjData, MjModel};
-use shield_api::{Environment, Learner, Setup};
+use shield_api::{Environment, Learner, Setup, SuccessCritic};
 use shield_runtime::{
     lanes::Lanes,
     plugin::{LoadedEnvironment, LoadedLearner, Registry, SearchPath, Selection, host},
@@ -61,6 +61,44 @@ fn filter(criterion: &mut Criterion) {
                         .abort()
                         .is_none()
                 )
+            });
+        });
+    }
+    group.finish();
+}
+
+/// One allowed decision by undo probabilities with a success critic of 20 members, and the valuation that it cannot do without.
+fn undo(criterion: &mut Criterion) {
+    let spaces = environment("mujoco/cliff-cheetah").spec().spaces;
+    let small = "(critics: 1, actor_hidden: [64, 64], critic_hidden: [64, 64])";
+    let mut group = criterion.benchmark_group("success critic");
+    for (size, hidden) in [("20 members 400-300", "[400, 300]"), ("20 members 64-64", "[64, 64]")] {
+        let setup = Setup::with_spaces(0, 1, host(), spaces.clone());
+        let mut agent = registry().learner(&Selection::new("ddpg"), small, &setup).expect("a learner");
+        let config = format!("(members: 20, hidden: {hidden})");
+        let mut critic =
+            registry().success_critic(&Selection::new("success-critic"), &config, &setup).expect("a critic");
+        let observation = vec![0.1; spaces.observation_len()];
+        let mut action = vec![0.2; spaces.action_len()];
+        let mut probabilities = vec![0.0; critic.info().members];
+        let rule = registry()
+            .abort_rule(&Selection::new("undo-probability"), "(initial_threshold: 0.0)", &setup)
+            .expect("a rule");
+        let fallback_action = vec![0.0; spaces.action_len()];
+        let settings = LadderSettings { spaces: spaces.clone(), warm_up_steps: 0, fallback_action };
+        let mut shield = Ladder::new(RuleTree::Rule(Box::new(rule)), &agent, settings)
+            .expect("a shield")
+            .with_success_critic(critic.info());
+        let moment = Moment { step: 0, observation: &observation, previous: None };
+        group.bench_function(format!("bare valuation, {size}"), |bencher| {
+            bencher.iter(|| {
+                critic.probabilities(black_box(&observation), black_box(&action), &mut probabilities)
+            });
+        });
+        group.bench_function(format!("allowed decision, {size}"), |bencher| {
+            bencher.iter(|| {
+                let agents = Agents { reset: &mut agent, forward: None, success: Some(&mut critic) };
+                assert!(shield.filter(agents, black_box(&moment), &mut action).abort().is_none());
             });
         });
     }
@@ -163,5 +201,5 @@ fn batch(criterion: &mut Criterion) {
     report("2 threads against 1", in_turn(100, [&mut on_one, &mut on_two]));
 }
 
-criterion_group!(benches, filter, step, batch);
+criterion_group!(benches, filter, undo, step, batch);
 criterion_main!(benches);

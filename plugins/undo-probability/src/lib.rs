@@ -119,16 +119,20 @@ impl UndoProbability {
 
 impl AbortRule for UndoProbability {
     fn needs(&self) -> Needs {
-        Needs { probabilities: true, greedy_probabilities: true, ..Needs::default() }
+        Needs { probabilities: true, greedy_on_rejection: true, ..Needs::default() }
     }
 
     fn evaluate(&self, context: &RuleContext<'_>, reason: &mut Reason<'_>) -> Result<RuleVerdict> {
         let members = context.probabilities.len();
         check_finite("action", context.proposed, context.proposed.len())?;
         require_probabilities("probabilities", context.probabilities, members)?;
-        require_probabilities("greedy_probabilities", context.greedy_probabilities, members)?;
         let (probability, required) = (self.combine.value(context.probabilities)?, self.required(context)?);
-        let is_safe = probability >= required || self.gains_nothing(context)?;
+        // The first time the rule is asked without them.
+        let is_asked_again = !context.greedy_probabilities.is_empty();
+        if is_asked_again {
+            require_probabilities("greedy_probabilities", context.greedy_probabilities, members)?;
+        }
+        let is_safe = probability >= required || (is_asked_again && self.gains_nothing(context)?);
         if !is_safe {
             explain(reason, format_args!("{}", TooFew { probability, required }))?;
         }

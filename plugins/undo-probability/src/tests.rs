@@ -88,6 +88,9 @@ fn an_action_is_executed_where_taking_over_would_be_no_safer() {
     };
     assert_eq!(verdict("()", &[0.1, 0.1], &[0.1, 0.1]), Verdict::Allow);
     assert_eq!(verdict("()", &[0.1, 0.1], &[0.1, 0.11]), Verdict::Reject);
+    // Before the reset agent's own action is valued, nothing speaks for a rejected action.
+    assert_eq!(verdict("()", &[0.1, 0.1], &[]), Verdict::Reject);
+    assert_eq!(verdict("()", &[0.9, 0.9], &[]), Verdict::Allow);
     // The members' differences are combined, not their probabilities: here −0.1 and 0.2, though the smallest of each is equal.
     let (now, greedy) = ([0.1, 0.4], [0.2, 0.2]);
     assert_eq!(verdict("(combine: Pessimistic)", &now, &greedy), Verdict::Reject);
@@ -123,7 +126,6 @@ fn an_action_that_is_not_finite_or_missing_probabilities_are_errors() {
     assert!(fails(&RuleContext { proposed: &[f32::NAN], ..usual }));
     for context in [
         context(&[], &[], &[]),
-        context(&[0.9; 2], &[], &[0.9; 2]),
         context(&[0.9; 2], &[0.9; 2], &[]),
         context(&[0.9; 2], &[0.9; 1], &[0.9; 2]),
         context(&[0.9; 2], &[0.9; 2], &[0.9; 3]),

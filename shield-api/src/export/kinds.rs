@@ -197,7 +197,8 @@ unsafe extern "C" fn needs<T: AbortRule>(instance: *mut Instance, bits: *mut u32
                 | bit(needs.greedy_values, need::GREEDY_VALUES)
                 | bit(needs.forward_values, need::FORWARD_VALUES)
                 | bit(needs.probabilities, need::PROBABILITIES)
-                | bit(needs.greedy_probabilities, need::GREEDY_PROBABILITIES);
+                | bit(needs.greedy_probabilities, need::GREEDY_PROBABILITIES)
+                | bit(needs.greedy_on_rejection, need::GREEDY_ON_REJECTION);
             Ok(())
         })
     }

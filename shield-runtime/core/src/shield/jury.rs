@@ -71,6 +71,8 @@ pub(super) struct Jury {
     start_probabilities: Vec<f32>,
     /// Nothing was decided since the last reset.
     is_at_start: bool,
+    /// The estimates for the reset agent's own action are computed for every decision, also where no rule needs them.
+    is_thorough: bool,
     greedy_action: Vec<f32>,
     /// Of an action that may be executed instead.
     forward_values: Vec<f32>,
@@ -116,6 +118,7 @@ impl Jury {
             present,
             start_probabilities: Vec::new(),
             is_at_start: true,
+            is_thorough: false,
             greedy_action: vec![0.0; action_len],
             forward_values: Vec::new(),
         })
@@ -130,10 +133,15 @@ impl Jury {
         let room = |is_needed: bool| vec![f32::NAN; if is_needed { members } else { 0 }];
         for judgement in [&mut self.present, &mut self.proposed] {
             judgement.probabilities = room(self.needs.probabilities);
-            judgement.greedy_probabilities = room(self.needs.greedy_probabilities);
-            judgement.start_probabilities = room(self.needs.greedy_probabilities);
+            judgement.greedy_probabilities = room(self.needs.any_greedy_probabilities());
+            judgement.start_probabilities = room(self.needs.any_greedy_probabilities());
         }
-        self.start_probabilities = room(self.needs.greedy_probabilities);
+        self.start_probabilities = room(self.needs.any_greedy_probabilities());
+    }
+
+    /// Whether the estimates for the reset agent's own action are computed for every decision.
+    pub fn be_thorough(&mut self, is_thorough: bool) {
+        self.is_thorough = is_thorough;
     }
 
     /// The estimates of the next decision are those of the start.
@@ -167,6 +175,7 @@ impl Jury {
             Scope::WarmUp => Needs {
                 probabilities: self.needs.probabilities,
                 greedy_probabilities: self.needs.greedy_probabilities,
+                greedy_on_rejection: self.needs.greedy_on_rejection,
                 ..Needs::default()
             },
             Scope::Limits => Needs::default(),
@@ -225,6 +234,14 @@ impl Jury {
         why: &mut Explanation,
     ) -> Result<(), Abort> {
         self.value_action(agents, moment, action).map_err(|error| why.failed(Cause::ValuesFailed, &error))?;
+        let judged = self.ask_all(moment, action, why);
+        let are_missing =
+            self.present_needs().greedy_on_rejection && self.present.known_greedy_probabilities().is_empty();
+        let Err(Abort { cause: Cause::Rejected, .. }) = judged else { return judged };
+        if !are_missing {
+            return judged;
+        }
+        self.value_greedy_action(agents, moment).map_err(|error| why.failed(Cause::ValuesFailed, &error))?;
         self.ask_all(moment, action, why)
     }
 
@@ -388,7 +405,7 @@ fn context<'a>(
         greedy_values: &said.greedy_values,
         forward_values: &said.forward_values,
         probabilities: &said.probabilities,
-        greedy_probabilities: &said.greedy_probabilities,
+        greedy_probabilities: said.known_greedy_probabilities(),
         start_probabilities,
         discount,
         phase,

@@ -46,6 +46,11 @@ impl Ladder {
         self.jury.needs()
     }
 
+    /// Whether every decision computes all that a record of it holds, also what no rule needs to allow it.
+    pub fn be_thorough(&mut self, is_thorough: bool) {
+        self.jury.be_thorough(is_thorough);
+    }
+
     /// Decides on `action` and tells every rule. After a projection, `action` holds the projected one. After an abort it holds the reset
     /// agent's greedy action, or the fallback action where that is not usable: a caller that ignores the decision still never executes
     /// what was rejected.

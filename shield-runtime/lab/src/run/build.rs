@@ -101,7 +101,10 @@ impl<'a> Builder<'a> {
         };
         let ladder = match (mode, &reset) {
             (Mode::Shielded, Some(reset)) => {
-                Some(self.ladder(&**reset, success.as_ref(), &spaces, Stream::Rules)?)
+                let mut ladder = self.ladder(&**reset, success.as_ref(), &spaces, Stream::Rules)?;
+                // A recorded decision can be judged again by other settings.
+                ladder.be_thorough(experiment.record.decisions > 0);
+                Some(ladder)
             }
             _ => None,
         };

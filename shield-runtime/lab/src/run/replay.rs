@@ -91,7 +91,7 @@ fn ensure_computed(needs: Needs, row: &DecisionRow) -> Result<()> {
     );
     ensure!(
         !lacks(needs.probabilities, &row.probabilities)
-            && !lacks(needs.greedy_probabilities, &row.greedy_probabilities),
+            && !lacks(needs.any_greedy_probabilities(), &row.greedy_probabilities),
         "the rules need undo probabilities that no rule of the run needed, so that they were not computed"
     );
     Ok(())

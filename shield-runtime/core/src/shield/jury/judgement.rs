@@ -20,6 +20,12 @@ pub struct Judgement {
 }
 
 impl Judgement {
+    /// Empty if they were not computed in this state.
+    pub(super) fn known_greedy_probabilities(&self) -> &[f32] {
+        let are_known = self.greedy_probabilities.first().is_some_and(|probability| !probability.is_nan());
+        if are_known { &self.greedy_probabilities } else { &[] }
+    }
+
     pub(super) fn forget(&mut self) {
         for numbers in [
             &mut self.values,

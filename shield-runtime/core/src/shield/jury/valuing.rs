@@ -9,25 +9,30 @@ impl Jury {
     /// Computes what the rules need of the state alone, once per decision.
     pub fn value_state(&mut self, agents: &mut Agents<'_>, moment: &Moment<'_>) -> Result<()> {
         let needs = self.present_needs();
-        if !needs.greedy_values && !needs.greedy_probabilities {
-            return Ok(());
-        }
-        agents.reset.act(moment.observation, ActMode::Greedy, &mut self.greedy_action)?;
+        let is_start = self.phase == Phase::Forward && self.is_at_start && needs.any_greedy_probabilities();
+        let are_always_needed = self.is_thorough && needs.greedy_on_rejection;
         if needs.greedy_values {
+            agents.reset.act(moment.observation, ActMode::Greedy, &mut self.greedy_action)?;
             let values = &mut self.present.greedy_values;
             agents.reset.q_values(moment.observation, &self.greedy_action, values)?;
             check_finite("the reset values", values, values.len())?;
         }
-        if needs.greedy_probabilities {
-            let probabilities = &mut self.present.greedy_probabilities;
-            let critic = success_critic(agents)?;
-            critic.probabilities(moment.observation, &self.greedy_action, probabilities)?;
-            check_probabilities(probabilities)?;
-            if self.phase == Phase::Forward && std::mem::take(&mut self.is_at_start) {
-                self.start_probabilities.copy_from_slice(probabilities);
-            }
+        if needs.greedy_probabilities || are_always_needed || is_start {
+            self.value_greedy_action(agents, moment)?;
+        }
+        if is_start {
+            self.start_probabilities.copy_from_slice(&self.present.greedy_probabilities);
+            self.is_at_start = false;
         }
         Ok(())
+    }
+
+    /// Computes the undo probabilities of the reset agent's own action.
+    pub(super) fn value_greedy_action(&mut self, agents: &mut Agents<'_>, moment: &Moment<'_>) -> Result<()> {
+        agents.reset.act(moment.observation, ActMode::Greedy, &mut self.greedy_action)?;
+        let probabilities = &mut self.present.greedy_probabilities;
+        success_critic(agents)?.probabilities(moment.observation, &self.greedy_action, probabilities)?;
+        check_probabilities(probabilities)
     }
 
     pub(super) fn take(&mut self, given: &GivenValues<'_>) -> Result<()> {
@@ -42,11 +47,12 @@ impl Jury {
             greedy_values.copy_from_slice(given.greedy_values);
         }
         let Judgement { probabilities, greedy_probabilities, .. } = &mut self.present;
-        let (start, is_start_needed) = (&mut self.start_probabilities, needs.greedy_probabilities);
+        let are_greedy_needed = needs.any_greedy_probabilities();
+        let start = &mut self.start_probabilities;
         for (place, given, is_needed) in [
             (probabilities, given.probabilities, needs.probabilities),
-            (greedy_probabilities, given.greedy_probabilities, needs.greedy_probabilities),
-            (start, given.start_probabilities, is_start_needed),
+            (greedy_probabilities, given.greedy_probabilities, are_greedy_needed),
+            (start, given.start_probabilities, are_greedy_needed),
         ] {
             if is_needed {
                 check_length("the undo probabilities", given, place.len())?;

@@ -54,7 +54,8 @@ impl LoadedAbortRule {
             | need::GREEDY_VALUES
             | need::FORWARD_VALUES
             | need::PROBABILITIES
-            | need::GREEDY_PROBABILITIES;
+            | need::GREEDY_PROBABILITIES
+            | need::GREEDY_ON_REJECTION;
         if bits & !known != 0 {
             return Err(described_wrongly(
                 id,
@@ -67,6 +68,7 @@ impl LoadedAbortRule {
             forward_values: bits & need::FORWARD_VALUES != 0,
             probabilities: bits & need::PROBABILITIES != 0,
             greedy_probabilities: bits & need::GREEDY_PROBABILITIES != 0,
+            greedy_on_rejection: bits & need::GREEDY_ON_REJECTION != 0,
         };
         // SAFETY: under this name a rule gives this table.
         let undo = unsafe { extension(id, &table.life, EXTENSION_UNDO_RULE)? };
