@@ -58,8 +58,8 @@ pub const PAPER: &[Experiment] = &[
 
 /// The cart of the quickstart: its targets are its own.
 pub const CART: &str = "quickstart";
-/// Not an environment, but the cart with parts of the shield taken away.
-pub const ABLATION: &str = "ablation";
+/// Not rows of the table of environments, but tables of their own: what each part of the shield contributes, and what another accepted risk changes.
+pub const STUDIES: [&str; 3] = ["ablation", "risk", "risk-cheetah"];
 
 /// Those of the shield as it is, without a setting for an environment.
 pub const UNTOUCHED: &[Experiment] = &[
@@ -70,7 +70,9 @@ pub const UNTOUCHED: &[Experiment] = &[
     untouched("cheetah-14", "cheetah, 14 m"),
     untouched("cheetah-3", "cheetah, 3 m"),
     untouched("walker", "walker"),
-    untouched(ABLATION, "Ablation"),
+    untouched("ablation", "Ablation"),
+    untouched("risk", "The accepted risk, on the cart"),
+    untouched("risk-cheetah", "The accepted risk, on the cheetah"),
 ];
 
 #[cfg(test)]

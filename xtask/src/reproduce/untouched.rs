@@ -7,7 +7,7 @@ use std::path::Path;
 use anyhow::{Context, Result};
 
 use super::Recorded;
-use super::experiments::{ABLATION, CART, Experiment};
+use super::experiments::{CART, Experiment, STUDIES};
 use super::record::{Record, Spread, Summary, Variant};
 use super::tables::{Column, Figure, GAP, introduction, show, table, thousands};
 
@@ -77,17 +77,18 @@ const CELLS: [Cell; 17] = [
     ("target: forward", |row| {
         verdict(row.median(Summary::forward_percent).map(|percent| percent >= FORWARD_PERCENT))
     }),
-    ("target: risk", |row| verdict(row.is_within_risk())),
+    ("target: risk", |row| verdict(row.shielded.and_then(is_within_risk))),
     ("target: ECE", |row| verdict(row.median(calibration_error).map(|error| error <= CALIBRATION_ERROR))),
 ];
 
-/// What the table of the ablation shows.
-const ABLATION_COLUMNS: [Column; 7] = [
+/// What the tables of the studies show.
+const STUDY_COLUMNS: [Column; 8] = [
     ("irreversible entries", entries, 0),
     ("hard resets", hard_resets, 0),
     ("return", gain, 1),
     ("without the shield", |run| run.final_return_without_shield, 1),
     ("forward steps, %", Summary::forward_percent, 0),
+    ("accepted risk", accepted_risk, 2),
     ("realised risk", realised_risk, 3),
     ("ECE", calibration_error, 3),
 ];
@@ -124,16 +125,30 @@ pub fn page(root: &Path, records: &[Recorded]) -> Result<String> {
     let mut page = HEAD.to_owned();
     page += &line(CELLS.iter().map(|(heading, _)| (*heading).into()));
     page += &line(CELLS.iter().map(|_| "---".into()));
-    for (experiment, record) in records.iter().filter(|(experiment, _)| experiment.name != ABLATION) {
+    let is_study = |experiment: &Experiment| STUDIES.contains(&experiment.name);
+    for (experiment, record) in records.iter().filter(|(experiment, _)| !is_study(experiment)) {
         let row = Comparison::new(experiment, seeds_named(root, experiment)?, record.as_ref());
         page += &line(CELLS.iter().map(|(_, cell)| cell(&row)));
     }
-    let ablation = records.iter().find(|(experiment, _)| experiment.name == ABLATION);
-    if let Some((experiment, Some(record))) = ablation {
+    for (experiment, record) in records.iter().filter(|(experiment, _)| is_study(experiment)) {
+        let Some(record) = record else { continue };
         writeln!(page, "\n## {}\n\n{}\n", experiment.title, introduction(root, experiment)?)?;
-        page += &table(record, &ABLATION_COLUMNS, |variant, figure| variant.range(figure));
+        page += &table(record, &STUDY_COLUMNS, |variant, figure| variant.range(figure));
+        let verdicts: Vec<bool> = record.variants.iter().filter_map(is_within_risk).collect();
+        let within = verdicts.iter().filter(|is_within| **is_within).count();
+        writeln!(
+            page,
+            "\nThe realised risk is at most {RISK_MARGIN} above the accepted one in {within} of {} variants.",
+            verdicts.len()
+        )?;
     }
     Ok(page)
+}
+
+/// Whether the median realised risk is within reach of the accepted one; `None` where there is none.
+fn is_within_risk(variant: &Variant) -> Option<bool> {
+    let median = |figure: Figure| variant.range(figure).map(Spread::median);
+    Some(median(realised_risk)? <= median(accepted_risk)? + RISK_MARGIN)
 }
 
 fn line(cells: impl Iterator<Item = String>) -> String {
@@ -196,10 +211,6 @@ impl<'a> Comparison<'a> {
     fn medians(&self, figure: Figure) -> Option<[f64; 2]> {
         let [ours, theirs] = self.spreads(figure);
         Some([ours?.median(), theirs?.median()])
-    }
-
-    fn is_within_risk(&self) -> Option<bool> {
-        Some(self.median(realised_risk)? <= self.median(accepted_risk)? + RISK_MARGIN)
     }
 }
 
@@ -330,11 +341,17 @@ mod tests {
     }
 
     #[test]
-    fn the_page_has_every_environment_and_the_ablation() {
-        let record = || Some(Record { variants: vec![variant("no-strata", [4.0, 15.0, 84.0], Some(0.1))] });
+    fn the_page_has_every_environment_and_the_studies() {
+        let record = || Some(Record { variants: vec![variant("no-strata", [4.0, 15.0, 84.0], Some(0.14))] });
         let records: Vec<Recorded> = UNTOUCHED.iter().map(|experiment| (experiment, record())).collect();
         let page = page(workspace_root(), &records).unwrap();
-        assert_eq!(page.matches("| 0 of 5 |").count(), UNTOUCHED.len() - 1);
-        assert!(page.contains("\n| no-strata | 3 | 4 (3 to 5) | 15 (14 to 16) |"), "{page}");
+        assert_eq!(page.matches("| 0 of 5 |").count(), UNTOUCHED.len() - STUDIES.len());
+        assert_eq!(
+            page.matches("\n| no-strata | 3 | 4 (3 to 5) | 15 (14 to 16) |").count(),
+            STUDIES.len(),
+            "{page}"
+        );
+        // 0.14 realised, 0.1 accepted.
+        assert!(page.contains("above the accepted one in 0 of 1 variants."), "{page}");
     }
 }
