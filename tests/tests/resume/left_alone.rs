@@ -17,11 +17,11 @@ const OWN: [&str; 5] =
     ["notes.txt", "config.partial", "pictures/a.png", "decisions/zz-notes.txt", "checkpoint/mine.rows"];
 
 /// A run with checkpoints after 40 and 20 steps and rows beyond them, and with the user's own files.
-fn unfinished(sabotage: Sabotage) -> Run {
-    let run = Run::new(&short(), &[]);
+fn unfinished(sabotage: Sabotage) -> Trial {
+    let run = Trial::new(&short(), &[]);
     run.go(sabotage);
     for name in OWN {
-        let path = run.folder.path().join(name);
+        let path = run.path().join(name);
         fs::create_dir_all(path.parent().unwrap()).unwrap();
         fs::write(path, name).unwrap();
     }
@@ -57,7 +57,7 @@ fn assert_same(before: &BTreeMap<PathBuf, Vec<u8>>, after: &BTreeMap<PathBuf, Ve
     assert!(missing.is_empty() && added.is_empty(), "{why}: {missing:?} changed, {added:?} came");
 }
 
-fn both(run: &Run, spoil: impl Fn(&Path)) {
+fn both(run: &Trial, spoil: impl Fn(&Path)) {
     ["latest.bin", "previous.bin"].iter().for_each(|file| spoil(&run.checkpoint(file)));
 }
 
@@ -89,12 +89,12 @@ fn put_a_folder(path: &Path) {
     fs::create_dir(path).unwrap();
 }
 
-fn segment(run: &Run) -> PathBuf {
+fn segment(run: &Trial) -> PathBuf {
     run.checkpoint("experience-000000000000.rows")
 }
 
 /// What is done to a run, and what the message must say.
-type Kind = (&'static str, fn(&Run), &'static [&'static str]);
+type Kind = (&'static str, fn(&Trial), &'static [&'static str]);
 
 const REMEDY: &str = "move the folder aside";
 
@@ -146,7 +146,7 @@ const KINDS: [Kind; 18] = [
     ("no table", |run| remove(run, "metrics.csv"), &["metrics.csv", "put the file back"]),
     (
         "no events",
-        |run| fs::remove_dir_all(run.folder.path().join("tensorboard")).unwrap(),
+        |run| fs::remove_dir_all(run.path().join("tensorboard")).unwrap(),
         &["tensorboard", "put the file back"],
     ),
     (
@@ -157,14 +157,14 @@ const KINDS: [Kind; 18] = [
     ("damaged experience", |run| damage_start(&segment(run)), &["experience", "is damaged", REMEDY]),
     (
         "a table that cannot be written",
-        |run| put_a_folder(&run.folder.path().join("timings.csv")),
+        |run| put_a_folder(&run.path().join("timings.csv")),
         &["timings.csv", "Nothing was changed"],
     ),
     (
         "a linked lock",
         |run| {
             remove(run, "checkpoint/lock");
-            symlink(run.folder.path().join("notes.txt"), run.checkpoint("lock")).unwrap();
+            symlink(run.path().join("notes.txt"), run.checkpoint("lock")).unwrap();
         },
         &["lock is not a regular file", "remove it"],
     ),
@@ -181,8 +181,8 @@ const KINDS: [Kind; 18] = [
     ),
 ];
 
-fn remove(run: &Run, file: &str) {
-    fs::remove_file(run.folder.path().join(file)).unwrap();
+fn remove(run: &Trial, file: &str) {
+    fs::remove_file(run.path().join(file)).unwrap();
 }
 
 fn damage_start(path: &Path) {
@@ -207,10 +207,10 @@ fn two_hundred_failed_resumes_of_every_kind_change_nothing() {
     for (kind, spoil, parts) in KINDS {
         let run = unfinished(Sabotage::Crash(55));
         spoil(&run);
-        let before = listing(run.folder.path());
+        let before = listing(run.path());
         for _ in 0..rounds {
             let message = loop {
-                let error = run.order().proceed().err().unwrap_or_else(|| panic!("{kind}: it went on"));
+                let error = run.proceed().err().unwrap_or_else(|| panic!("{kind}: it went on"));
                 let message = format!("{error:#}");
                 // A process that another test starts holds a copy of the lock until it executes its own program.
                 if !message.contains("by another process") {
@@ -220,43 +220,43 @@ fn two_hundred_failed_resumes_of_every_kind_change_nothing() {
             };
             assert!(parts.iter().all(|part| message.contains(part)), "{kind}: {message}");
         }
-        assert_same(&before, &listing(run.folder.path()), kind);
+        assert_same(&before, &listing(run.path()), kind);
     }
 }
 
 #[test]
 fn a_run_that_another_process_writes_is_left_alone() {
     let run = unfinished(Sabotage::Crash(55));
-    let before = listing(run.folder.path());
-    let lock = LockedCheckpoints::of(run.folder.path()).unwrap().unwrap();
-    for failed in [run.order().proceed(), run.order().begin(None, true)] {
+    let before = listing(run.path());
+    let lock = LockedCheckpoints::of(run.path()).unwrap().unwrap();
+    for failed in [run.proceed(), run.begin(true)] {
         let message = format!("{:#}", failed.err().unwrap());
         assert!(message.contains("another process"), "{message}");
     }
     drop(lock);
-    assert_same(&before, &listing(run.folder.path()), "a locked run");
+    assert_same(&before, &listing(run.path()), "a locked run");
 }
 
 #[test]
 fn a_missing_part_of_the_decisions_stops_a_run_and_is_no_damage() {
     let run = unfinished(Sabotage::Stop(25));
-    let decisions = fs::read_dir(run.folder.path().join("decisions")).unwrap();
+    let decisions = fs::read_dir(run.path().join("decisions")).unwrap();
     let parts = decisions.map(|entry| entry.unwrap().path());
     let last = parts.filter(|path| path.extension().is_some_and(|end| end == "parquet")).max().unwrap();
     fs::remove_file(&last).unwrap();
-    let before = listing(run.folder.path());
-    let message = format!("{:#}", run.order().proceed().err().unwrap());
+    let before = listing(run.path());
+    let message = format!("{:#}", run.proceed().err().unwrap());
     assert!(message.contains("part-") && message.contains("put the file back"), "{message}");
-    assert_same(&before, &listing(run.folder.path()), "a missing part");
+    assert_same(&before, &listing(run.path()), "a missing part");
 }
 
 #[test]
 fn a_refused_state_is_passed_over_for_the_one_before_and_kept() {
-    let expected = Run::uninterrupted(&short());
+    let expected = Trial::uninterrupted(&short());
     let run = unfinished(Sabotage::Crash(55));
     make_the_learner_refuse(&run.checkpoint("latest.bin"));
     let refused = fs::read(run.checkpoint("latest.bin")).unwrap();
-    let launch = run.order().proceed().unwrap();
+    let launch = run.proceed().unwrap();
     assert_eq!(launch.steps_before(), 20);
     let warnings = launch.warnings().join("\n");
     for part in ["passed over", "latest.bin is refused: `forward`", "refused-1.bin"] {
@@ -266,7 +266,7 @@ fn a_refused_state_is_passed_over_for_the_one_before_and_kept() {
     assert_eq!(run.go(Sabotage::None), 20);
     assert_eq!(fs::read(run.checkpoint("refused-1.bin")).unwrap(), refused);
     for name in OWN {
-        let path = run.folder.path().join(name);
+        let path = run.path().join(name);
         assert_eq!(fs::read(&path).unwrap(), name.as_bytes());
         fs::remove_file(path).unwrap();
     }
@@ -275,15 +275,15 @@ fn a_refused_state_is_passed_over_for_the_one_before_and_kept() {
 
 #[test]
 fn a_folder_with_something_else_is_no_run_to_begin_in() {
-    let run = Run::new(&short(), &[]);
-    fs::create_dir_all(run.folder.path()).unwrap();
-    fs::write(run.folder.path().join("notes.txt"), "mine").unwrap();
-    let before = listing(run.folder.path());
-    assert!(matches!(run.order().standing(), Ok(Standing::Foreign)));
-    assert!(run.order().begin(None, false).is_err() && run.order().proceed().is_err());
-    assert_same(&before, &listing(run.folder.path()), "a folder with notes");
-    run.order().begin(None, true).unwrap();
-    assert!(!run.folder.path().join("notes.txt").exists());
+    let run = Trial::new(&short(), &[]);
+    fs::create_dir_all(run.path()).unwrap();
+    fs::write(run.path().join("notes.txt"), "mine").unwrap();
+    let before = listing(run.path());
+    assert!(matches!(run.standing(), Ok(Standing::Foreign)));
+    assert!(run.begin(false).is_err() && run.proceed().is_err());
+    assert_same(&before, &listing(run.path()), "a folder with notes");
+    run.begin(true).unwrap();
+    assert!(!run.path().join("notes.txt").exists());
 }
 
 /// Runs of several seeds that crashed, in a folder with `x.ron`.
@@ -291,15 +291,12 @@ fn unfinished_runs(seeds: u64) -> TempDir {
     let home = tempfile::tempdir().unwrap();
     fs::write(home.path().join("x.ron"), short()).unwrap();
     let variants = ExperimentFile::read(home.path().join("x.ron")).unwrap().variants(&[], None).unwrap();
-    let variant = &variants[0];
     for seed in 0..seeds {
-        let identity = Identity { experiment: "small".into(), variant: variant.name.clone(), seed };
-        let folder = RunFolder::new(&home.path().join("runs"), &identity);
-        let order = Order { registry: registry(), variant, identity: &identity, folder: &folder };
+        let run = Run::new(&home.path().join("runs"), variants[0].clone(), seed);
         let stop = AtomicBool::new(false);
         let saboteur = Saboteur::new(Sabotage::Crash(55), &stop);
-        order.begin(None, false).unwrap().run(saboteur, &stop).unwrap_err();
-        fs::write(folder.path().join("notes.txt"), "mine").unwrap();
+        run.begin(registry(), None, false).unwrap().run(saboteur, &stop).unwrap_err();
+        fs::write(run.folder.path().join("notes.txt"), "mine").unwrap();
     }
     home
 }

@@ -194,6 +194,11 @@ impl Recorder {
         self.checkpoints.take()
     }
 
+    /// Names and seed of the run.
+    pub fn identity(&self) -> &Identity {
+        &self.identity
+    }
+
     /// What kept the shield from helping, for the summary.
     pub fn found(&mut self, findings: Vec<FoundInRun>) {
         self.findings = findings;
