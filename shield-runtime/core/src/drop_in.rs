@@ -86,7 +86,6 @@ pub struct DropIn {
     cycle: ResetCycle,
     task: Option<Box<dyn ResetTask>>,
     metrics: EpisodeMetrics,
-    observation: Vec<f32>,
 }
 
 impl DropIn {
@@ -101,11 +100,10 @@ impl DropIn {
     /// # Errors
     /// The cycle has no ladder or no reset agent.
     pub fn new(cycle: ResetCycle, task: Option<Box<dyn ResetTask>>) -> Result<Self> {
-        let (Some(ladder), Some(_)) = (&cycle.parts().ladder, &cycle.parts().reset) else {
+        let (Some(_), Some(_)) = (&cycle.parts().ladder, &cycle.parts().reset) else {
             return Err(Error::invalid_argument("a shield needs rules and a reset agent"));
         };
-        let observation = vec![0.0; ladder.spaces().observation_len()];
-        Ok(Self { cycle, task, metrics: EpisodeMetrics::default(), observation })
+        Ok(Self { cycle, task, metrics: EpisodeMetrics::default() })
     }
 
     /// Everything is at its start, where `observation` is seen: before the first step, and after each hard reset.
@@ -123,7 +121,7 @@ impl DropIn {
     /// As for [`hard_reset_done`](Self::hard_reset_done).
     pub fn hard_reset_done_at(&mut self, observation: &[f32], is_inside: Option<bool>) -> Result<()> {
         self.cycle.require_hard_reset(self.cycle.hard_reset_due().unwrap_or(HardResetDue::Requested));
-        check_finite("the observation after a reset", observation, self.observation.len())?;
+        check_finite("the observation after a reset", observation, self.spaces().observation_len())?;
         if let Some(task) = &mut self.task {
             self.cycle.metrics().collect(|| task.observe_start(observation))?;
         }
@@ -143,7 +141,7 @@ impl DropIn {
     /// # Errors
     /// The observation is invalid, or the reset task failed.
     pub fn observe_start(&mut self, observation: &[f32]) -> Result<()> {
-        check_finite("the observation after a reset", observation, self.observation.len())?;
+        check_finite("the observation after a reset", observation, self.spaces().observation_len())?;
         let Some(task) = &mut self.task else { return Ok(()) };
         self.cycle.metrics().collect(|| task.observe_start(observation))
     }
@@ -168,20 +166,19 @@ impl DropIn {
     fn decide(&mut self, observation: &[f32], action: &[f32]) -> Result<Decision> {
         if !self.is_placed()
             && !self.needs_hard_reset()
-            && check_finite("", observation, self.observation.len()).is_ok()
+            && check_finite("", observation, self.spaces().observation_len()).is_ok()
             && let Err(error) = self.hard_reset_done(observation)
         {
             self.cycle.refuse(Cause::AwaitsHardReset);
             return Err(error);
         }
         // A rule that is told of such a decision would rightly refuse for ever.
-        let lengths = check_length("the observation", observation, self.observation.len())
+        let lengths = check_length("the observation", observation, self.spaces().observation_len())
             .and_then(|()| check_length("the action", action, self.spaces().action_len()));
         if let Err(error) = lengths {
             self.cycle.refuse(Cause::InvalidAction);
             return Err(error);
         }
-        self.observation.copy_from_slice(observation);
         if self.cycle.turn() == AgentRole::Reset {
             return Ok(self.cycle.act_to_reset_or_refuse(observation));
         }
@@ -267,10 +264,10 @@ impl DropIn {
     }
 
     fn signal(&mut self, next_observation: &[f32], given: Option<ResetSignal>) -> Result<ResetSignal> {
-        check_finite("the observation after a step", next_observation, self.observation.len())?;
+        check_finite("the observation after a step", next_observation, self.spaces().observation_len())?;
         let signal = match (&mut self.task, given) {
             (Some(task), None) => {
-                let (observation, action) = (&self.observation, self.cycle.action());
+                let (observation, action) = (self.cycle.observation(), self.cycle.action());
                 self.cycle.metrics().collect(|| task.evaluate(observation, action, next_observation))?
             }
             (None, Some(signal)) => signal,

@@ -119,9 +119,7 @@ impl<'a> JointLoop<'a> {
 
     /// One step of the episode under way, or of the next one. Returns the episode that ends with it.
     fn step(&mut self) -> anyhow::Result<Option<EpisodeEvent>> {
-        if self.cycle.begin_episode() && self.cycle.turn() == AgentRole::Reset {
-            self.cycle.value_start(self.world.observation())?;
-        }
+        self.cycle.begin_episode();
         if self.pause()? {
             return Ok(Some(self.cycle.finish(EpisodeEnd::Interrupted)));
         }
