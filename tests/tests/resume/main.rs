@@ -3,6 +3,8 @@
 
 #[cfg(unix)]
 mod left_alone;
+#[cfg(unix)]
+mod programs;
 mod run_folder;
 mod undoing;
 
