@@ -160,6 +160,10 @@ pub trait Rows {
     fn push(&mut self, coefficients: &[f32], bound: f32) -> Result<()>;
 }
 
+/// The accepted risk where a user names none: the share of attempts to reset that may fail. The rule `undo-probability` keeps it, and
+/// programs compare with it what became of a run.
+pub const USUAL_ACCEPTED_RISK: f64 = 0.2;
+
 /// How an attempt to reset ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct ObservedAttempt {

@@ -22,7 +22,7 @@ mod success_critic;
 
 pub use abort_rule::{
     AbortRule, Needs, ObservedAttempt, ObservedDecision, Phase, Reason, Rows, RuleContext, RuleVerdict,
-    Verdict,
+    USUAL_ACCEPTED_RISK, Verdict,
 };
 #[allow(deprecated, reason = "source that was written for 1.0 may use it")]
 pub use config::ron_options;

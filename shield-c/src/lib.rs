@@ -4,4 +4,5 @@
 mod errors;
 mod ffi;
 mod handle;
+mod pointers_ffi;
 mod policy_ffi;

@@ -19,7 +19,7 @@ use pyo3::{
     sync::MutexExt,
     types::PyDict,
 };
-use shield_api::{Phase, ResetSignal, Space, Spaces};
+use shield_api::{Phase, ResetSignal, Space, Spaces, USUAL_ACCEPTED_RISK};
 use shield_runtime::{
     cycle::HardResetDue,
     decision::Decision,
@@ -389,5 +389,6 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_function(wrap_pyfunction!(written_at, module)?)?;
     module.add("ConfigError", module.py().get_type::<ConfigError>())?;
     module.add("ShieldError", module.py().get_type::<ShieldError>())?;
+    module.add("USUAL_RISK", USUAL_ACCEPTED_RISK)?;
     module.add("__version__", env!("CARGO_PKG_VERSION"))
 }

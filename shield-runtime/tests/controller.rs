@@ -22,7 +22,7 @@ use shield_runtime::{
     decision::{Cause, Decision, ProjectionKind},
     drop_in::{DropIn, DropInBuilder, Learning},
     experience::{AgentRole, Experience, UndoSettings},
-    joint_loop::{JointLoop, Participants},
+    joint_loop::{JointLoop, LoopParts},
     settings::ProjectionConfig,
     shield::{Ladder, LadderSettings},
     world::World,
@@ -281,11 +281,12 @@ fn in_the_joint_loop_a_controller_resets_without_values_and_does_not_explore() {
         memory: Some(Memory { experience, masks: Pcg64::seed_from_u64(1) }),
     };
     let world = World::new(Box::new(Line::new()), None).unwrap();
-    let participants = Participants { world, agents, evaluator: None };
     let (mut notebook, stop) = (Notebook::default(), AtomicBool::new(false));
     let mut settings = settings(40);
     settings.cycle.shield_exploration = true;
-    let mut joint = JointLoop::new(settings, participants, Pcg64::seed_from_u64(2), &mut notebook, &stop);
+    let resets = Pcg64::seed_from_u64(2);
+    let parts = LoopParts { settings, world, agents, evaluator: None, resets };
+    let mut joint = JointLoop::new(parts, &mut notebook, &stop);
     joint.run().unwrap();
     let counters = *joint.counters();
     assert_eq!((counters.hard_resets, counters.exploration_replaced, counters.steps), (0, 0, 40));

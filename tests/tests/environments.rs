@@ -13,11 +13,11 @@ use shield_runtime::{
     events::Counters,
     experiment::ExperimentFile,
     film::{FilmSettings, Filmer},
-    joint_loop::JointLoop,
+    joint_loop::{JointLoop, LoopParts},
     observer::Observer,
     plugin::{Registry, SearchPath},
     report::Picture,
-    run::{Prepared, prepare},
+    run::prepare,
 };
 use shield_tests::{gridworld, plugins_folder, shield, text};
 
@@ -29,16 +29,15 @@ struct Silent;
 
 impl Observer for Silent {}
 
-fn prepared(steps: u64) -> Prepared {
+fn prepared(steps: u64) -> LoopParts {
     let registry = Registry::scan(&SearchPath::new([plugins_folder()]));
     let file = ExperimentFile::from_text("x.ron", gridworld(steps, ""));
     prepare(&registry, &file.variants(&[], None).unwrap()[0], 0).unwrap()
 }
 
-fn finish(prepared: Prepared, observer: &mut dyn Observer) -> Counters {
+fn finish(parts: LoopParts, observer: &mut dyn Observer) -> Counters {
     let stop = AtomicBool::new(false);
-    let mut joint =
-        JointLoop::new(prepared.settings, prepared.participants, prepared.resets, observer, &stop);
+    let mut joint = JointLoop::new(parts, observer, &stop);
     joint.run().unwrap();
     *joint.counters()
 }
@@ -48,9 +47,9 @@ fn filming_shows_every_step_and_changes_nothing() {
     const STEPS: u64 = 600;
     let unfilmed = finish(prepared(STEPS), &mut Silent);
 
-    let prepared = prepared(STEPS);
-    let spaces = prepared.participants.world.spec().spaces.clone();
-    let members = prepared.participants.agents.reset.as_ref().map_or(0, |agent| agent.info().members);
+    let parts = prepared(STEPS);
+    let spaces = parts.world.spec().spaces.clone();
+    let members = parts.agents.reset.as_ref().map_or(0, |agent| agent.info().members);
     let mut pictures: Vec<Picture> = Vec::new();
     let mut sink = |picture: &Picture| {
         pictures.push(picture.clone());
@@ -59,7 +58,7 @@ fn filming_shows_every_step_and_changes_nothing() {
     let settings =
         FilmSettings { size: Some([60, 60]), from: 0, every: 1, q_min: Some(0.4), largest_value: 1.0 };
     let mut filmer = Filmer::new(spaces, members, settings, &mut sink);
-    let filmed = finish(prepared, &mut filmer);
+    let filmed = finish(parts, &mut filmer);
     assert_eq!(filmed, unfilmed);
     assert!(filmed.early_aborts > 0, "nothing was aborted, so no mark was drawn");
     assert!(pictures.len() as u64 >= STEPS + filmed.early_aborts, "{} pictures", pictures.len());

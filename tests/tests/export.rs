@@ -28,11 +28,11 @@ fn check(sets: &[&str]) {
 
     let registry = Registry::scan(&SearchPath::new([plugins_folder()]));
     let run = RunFolder::at(path.join("runs/cart/default/seed-0"));
-    let mut participants = restore(&registry, &run, &[]).unwrap().prepared.participants;
-    let spaces = participants.world.spec().spaces.clone();
+    let mut parts = restore(&registry, &run, &[]).unwrap().parts;
+    let spaces = parts.world.spec().spaces.clone();
     let mut rng = Pcg64::seed_from_u64(1);
-    let forward = participants.agents.forward.as_mut().and_then(|agent| agent.learner()).unwrap();
-    let reset = participants.agents.reset.as_mut().map(|agent| agent.learner()).unwrap();
+    let forward = parts.agents.forward.as_mut().and_then(|agent| agent.learner()).unwrap();
+    let reset = parts.agents.reset.as_mut().map(|agent| agent.learner()).unwrap();
     for (name, learner) in [("forward", forward), ("reset", reset)] {
         let config = format!("(path: {:?})", path.join(format!("out/{name}.onnx")));
         let setup = Setup::with_spaces(0, 1, Host::silent(), spaces.clone());

@@ -2,10 +2,16 @@
 #![allow(clippy::unwrap_used, reason = "a test")]
 
 use std::collections::{BTreeSet, HashMap};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use cargo_metadata::{DependencyKind, Metadata, MetadataCommand, Package, PackageId};
+
+/// Lines that a file has at most.
+const LONGEST_FILE: usize = 400;
+
+/// Files that are longer, because they are tables: what they say stands side by side.
+const TABLES: [&str; 1] = ["shield-api/src/abi.rs"];
 
 /// Heavy libraries, which live behind the plugin line.
 const HEAVY: [&str; 5] = ["mujoco-rs", "tch", "torch-sys", "pyo3", "pyo3-ffi"];
@@ -188,4 +194,31 @@ fn every_plugin_is_a_shared_library_alone() {
             libraries.flat_map(|target| &target.crate_types).map(ToString::to_string).collect();
         assert_eq!(kinds, ["cdylib"], "{}", package.name);
     }
+}
+
+/// Our own source files in Rust, below a folder.
+fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
+    for entry in std::fs::read_dir(folder).unwrap() {
+        let (kind, path) = entry.map(|entry| (entry.file_type().unwrap(), entry.path())).unwrap();
+        let name = path.file_name().unwrap().to_str().unwrap();
+        if kind.is_dir() && !["target", "native"].contains(&name) && !name.starts_with('.') {
+            sources(&path, found);
+        } else if kind.is_file() && path.extension().is_some_and(|extension| extension == "rs") {
+            found.push(path);
+        }
+    }
+}
+
+#[test]
+fn no_file_is_too_long_to_be_read_but_for_tables() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("..").canonicalize().unwrap();
+    let mut found = Vec::new();
+    sources(&root, &mut found);
+    assert!(found.len() > 400, "only {} files were found", found.len());
+    let long: Vec<String> = found
+        .iter()
+        .filter(|path| std::fs::read_to_string(path).unwrap().lines().count() > LONGEST_FILE)
+        .map(|path| path.strip_prefix(&root).unwrap().to_str().unwrap().replace('\\', "/"))
+        .collect();
+    assert_eq!(long, TABLES, "files of more than {LONGEST_FILE} lines: split them by what they are about");
 }

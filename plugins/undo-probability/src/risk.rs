@@ -1,11 +1,8 @@
 //! The risk: what the user accepts, what became of the attempts, and how the threshold follows (adaptive conformal inference).
 
-use shield_api::{Error, ObservedAttempt, Result};
+use shield_api::{Error, ObservedAttempt, Result, USUAL_ACCEPTED_RISK};
 
 use crate::Config;
-
-/// The accepted risk where the user sets none.
-const ACCEPTED_RISK: f32 = 0.2;
 
 /// Below its beginning the threshold comes down no faster than with this accepted risk.
 const SLOWEST: f64 = 0.05;
@@ -79,7 +76,7 @@ impl Adaptation {
 
 /// The threshold before the first attempt.
 pub fn initial_threshold(config: &Config) -> f32 {
-    let usual = 1.0 - config.accepted_risk.unwrap_or(ACCEPTED_RISK);
+    let usual = 1.0 - config.accepted_risk.unwrap_or(USUAL_ACCEPTED_RISK as f32);
     config.initial_threshold.unwrap_or(usual)
 }
 
@@ -99,7 +96,7 @@ fn accepted(risk: Option<f32>, hard_resets_per_1000: Option<f32>) -> Result<Acce
             Ok(Accepted::PerStep(f64::from(budget) / 1000.0))
         }
         (risk, None) => {
-            let risk = risk.unwrap_or(ACCEPTED_RISK);
+            let risk = risk.unwrap_or(USUAL_ACCEPTED_RISK as f32);
             let is_share = risk > 0.0 && risk < 1.0;
             if !is_share {
                 let message = format!("accepted_risk is {risk}, but must lie between 0 and 1");

@@ -7,6 +7,9 @@ import numpy.typing as npt
 
 __version__: Final[str]
 
+#: The accepted risk where nothing is said.
+USUAL_RISK: Final[float]
+
 class ConfigError(ValueError):
     """A setting that must be changed, with its place."""
 

@@ -7,7 +7,7 @@ import os
 from collections.abc import Callable, Mapping
 from typing import Any, TypedDict
 
-from ._core import ConfigError
+from ._core import USUAL_RISK, ConfigError
 
 
 class Settings(TypedDict, total=False):
@@ -44,8 +44,8 @@ PATHS = {
 FIRST_RULE = "shield.rules[0].plugin"
 SCHEDULE = "shield.rules[0].config.schedule"
 
-#: The rule that has an accepted risk, and what it accepts where nothing is said.
-UNDO_PROBABILITY, USUAL_RISK = "undo-probability", 0.2
+#: The rule that has an accepted risk.
+UNDO_PROBABILITY = "undo-probability"
 
 
 def refuse_unknown(settings: Settings) -> None:

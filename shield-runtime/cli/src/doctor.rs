@@ -12,7 +12,7 @@ use shield_core::{
     world::{Stepped, World},
 };
 use shield_host::plugin::Registry;
-use shield_lab::run::{FoundInRun, RunFolder, Summary, prepare};
+use shield_lab::run::{FoundInRun, Run, RunFolder, Summary, prepare};
 
 use super::{Failure, eval::one_run, findings::printable, output};
 
@@ -58,7 +58,7 @@ pub fn doctor(arguments: &DoctorArguments, registry: &Registry) -> Result<(), Fa
         return of_run(&one_run(&arguments.subject)?);
     }
     let variant = variant(arguments)?;
-    let mut world = prepare(registry, &variant, arguments.seed)?.participants.world;
+    let mut world = prepare(registry, &variant, arguments.seed)?.world;
     let checkup = examine(&mut world, arguments).map_err(|(steps, error)| {
         Failure::Run(format!("the environment or the reset task failed after {steps} random steps: {error}"))
     })?;
@@ -134,8 +134,8 @@ fn is_grave(found: &FoundInRun) -> bool {
 
 fn of_run(folder: &RunFolder) -> Result<(), Failure> {
     let path = folder.path().display();
-    let (_, variant) = shield_lab::run::of_folder(folder, &[]).map_err(input)?;
-    if variant.experiment.mode != Mode::Shielded {
+    let run = Run::of_folder(folder.clone(), &[]).map_err(input)?;
+    if run.variant.experiment.mode != Mode::Shielded {
         return Err(Failure::Input(format!("{path} is a run without a shield")));
     }
     let summary = folder.summary().map_err(input)?;

@@ -69,10 +69,10 @@ pub fn run(arguments: &EvalArguments, registry: &Registry) -> Result<(), Failure
     let (mut evaluated, mut left_out) = (Vec::new(), Vec::new());
     for folder in &folders {
         match restore(registry, folder, std::slice::from_ref(&settings)) {
-            Ok(restored) if arguments.shielded && restored.variant.experiment.mode != Mode::Shielded => {
+            Ok(restored) if arguments.shielded && restored.run.variant.experiment.mode != Mode::Shielded => {
                 left_out.push(format!("{}: there is no shield", folder.path().display()));
             }
-            Ok(restored) => evaluated.push(evaluate(restored, folder, arguments.episodes)?),
+            Ok(restored) => evaluated.push(evaluate(restored, arguments.episodes)?),
             Err(error) => left_out.push(format!("{}: {error:#}", folder.path().display())),
         }
     }
@@ -124,19 +124,18 @@ fn settings(arguments: &EvalArguments) -> Result<Override, Failure> {
     Ok(Override::new("evaluation", &value, "the arguments of `shield eval`")?)
 }
 
-fn evaluate(restored: Restored, folder: &RunFolder, episodes: u32) -> Result<Evaluated, Failure> {
-    let Restored { identity, prepared, state, .. } = restored;
-    let mut participants = prepared.participants;
-    let Some(evaluator) = &mut participants.evaluator else {
+fn evaluate(restored: Restored, episodes: u32) -> Result<Evaluated, Failure> {
+    let Restored { run, mut parts, state } = restored;
+    let Some(evaluator) = &mut parts.evaluator else {
         return Err(Failure::Run("the experiment has no evaluation".into()));
     };
     let EvaluationEvent { step, figures, without_shield: bare } = evaluator
-        .run(state.counters().steps, participants.agents.agents())
-        .map_err(|error| Failure::Run(format!("{}: {error}", folder.path().display())))?;
+        .run(state.counters().steps, parts.agents.agents())
+        .map_err(|error| Failure::Run(format!("{}: {error}", run.folder.path().display())))?;
     Ok(Evaluated {
-        run: folder.path().display().to_string(),
-        variant: identity.variant,
-        seed: identity.seed,
+        run: run.folder.path().display().to_string(),
+        variant: run.variant.name,
+        seed: run.seed,
         step,
         episodes,
         figures,

@@ -24,9 +24,9 @@ pub struct ExportArguments {
 pub fn export(arguments: &ExportArguments, registry: &Registry) -> Result<(), Failure> {
     let input = |error: anyhow::Error| Failure::Input(format!("{error:#}"));
     let folder = one_run(&arguments.run)?;
-    let mut participants = restore(registry, &folder, &[]).map_err(input)?.prepared.participants;
-    let forward = participants.agents.forward.as_mut().and_then(|agent| agent.learner());
-    let reset = participants.agents.reset.as_mut().map(|agent| agent.learner());
+    let mut agents = restore(registry, &folder, &[]).map_err(input)?.parts.agents;
+    let forward = agents.forward.as_mut().and_then(|agent| agent.learner());
+    let reset = agents.reset.as_mut().map(|agent| agent.learner());
     let mut count = 0;
     for (name, learner) in [("forward", forward), ("reset", reset)] {
         if let Some(learner) = learner {

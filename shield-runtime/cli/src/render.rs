@@ -24,9 +24,9 @@ use shield_core::{
 use shield_host::plugin::Registry;
 use shield_lab::{
     checkpoint::last_checkpoint,
-    joint_loop::JointLoop,
+    joint_loop::{JointLoop, LoopParts},
     observer::{Fanout, Scene},
-    run::{Prepared, RecorderState, prepare},
+    run::{RecorderState, prepare},
 };
 use shield_report::{
     film::{FilmSettings, Filmer},
@@ -96,10 +96,10 @@ fn size(text: &str) -> Result<[usize; 2], String> {
 pub fn render(arguments: &RenderArguments, registry: &Registry) -> Result<(), Failure> {
     let variant = variant(arguments)?;
     let seed = arguments.seed.unwrap_or(variant.experiment.seeds[0]);
-    let mut prepared = prepare(registry, &variant, seed)?;
+    let mut parts = prepare(registry, &variant, seed)?;
     let missing = match arguments.policy {
-        Who::Forward if prepared.participants.agents.forward.is_none() => Some("forward"),
-        Who::Reset if prepared.participants.agents.reset.is_none() => Some("reset"),
+        Who::Forward if parts.agents.forward.is_none() => Some("forward"),
+        Who::Reset if parts.agents.reset.is_none() => Some("reset"),
         _ => None,
     };
     if let Some(role) = missing {
@@ -108,13 +108,13 @@ pub fn render(arguments: &RenderArguments, registry: &Registry) -> Result<(), Fa
     if arguments.experiment.is_dir() {
         let saved = last_checkpoint::<RecorderState>(&arguments.experiment);
         let saved = saved.map_err(|error| Failure::Input(format!("{error:#}")))?;
-        let restored = prepared.participants.restore_agents(&saved.state);
+        let restored = parts.restore_agents(&saved.state);
         restored.map_err(|error| Failure::Input(error.to_string()))?;
     }
     stop_on_ctrl_c();
     let encoder = Encoder::create(&arguments.out, arguments.fps).map_err(Failure::Input)?;
     let q_min = threshold(registry, &variant.experiment);
-    let filmed = film(arguments, &variant, prepared, q_min, encoder, seed);
+    let filmed = film(arguments, &variant, parts, q_min, encoder, seed);
     if STOP.load(Ordering::Relaxed) {
         return Err(Failure::Interrupted("stopped by Ctrl-C; no film was written".into()));
     }
@@ -175,15 +175,14 @@ fn threshold(registry: &Registry, experiment: &Experiment) -> Option<f32> {
 fn film(
     arguments: &RenderArguments,
     variant: &Variant,
-    prepared: Prepared,
+    mut parts: LoopParts,
     q_min: Option<f32>,
     mut encoder: Encoder,
     seed: u64,
 ) -> Result<()> {
-    let Prepared { settings: mut loop_settings, mut participants, resets } = prepared;
     // An evaluation would only take time.
-    participants.evaluator = None;
-    let reset = participants.agents.reset.as_ref().map(Agent::info);
+    parts.evaluator = None;
+    let reset = parts.agents.reset.as_ref().map(Agent::info);
     let largest_value = match (&reset, variant.experiment.experience.endings().on_success) {
         (None, _) | (_, OnResetSuccess::Terminal) => 1.0,
         (Some(reset), OnResetSuccess::Bootstrap) => 1.0 / (1.0 - reset.discount),
@@ -197,8 +196,9 @@ fn film(
         largest_value,
     };
     let mut sink = |picture: &Picture| encoder.add(picture);
-    let spaces = participants.world.spec().spaces.clone();
+    let spaces = parts.world.spec().spaces.clone();
     let filmer = Filmer::new(spaces, reset.map_or(0, |reset| reset.members), settings, &mut sink);
+    let loop_settings = &mut parts.settings;
     (loop_settings.evaluate_every, loop_settings.checkpoint_every) = (None, None);
     if is_of_run {
         loop_settings.cycle.updates_per_step = 0;
@@ -206,7 +206,7 @@ fn film(
     loop_settings.steps = arguments.train_steps + if is_loop { arguments.steps } else { 0 };
     let progress = Progress::new(&MultiProgress::new(), "filming".into(), loop_settings.steps, 0);
     let mut observer = Fanout(progress, filmer);
-    let mut joint = JointLoop::new(loop_settings, participants, resets, &mut observer, &STOP);
+    let mut joint = JointLoop::new(parts, &mut observer, &STOP);
     joint.run()?;
     let (world, agents) = joint.into_parts();
     let Fanout(progress, mut filmer) = observer;

@@ -4,12 +4,12 @@ use std::{collections::HashSet, num::NonZeroUsize, path::PathBuf};
 
 use clap::Args;
 use shield_host::plugin::Registry;
-use shield_lab::run::of_folder;
+use shield_lab::run::Run;
 
 use super::{
     Failure,
     eval::runs_in,
-    session::{Job, Session},
+    session::{Earlier, make_all},
 };
 
 /// Arguments of `shield resume`.
@@ -25,18 +25,17 @@ pub struct ResumeArguments {
 
 /// Goes on with what is not finished and prints the table of all.
 pub fn run(arguments: &ResumeArguments, registry: &Registry) -> Result<(), Failure> {
-    let mut jobs = Vec::new();
+    let mut runs = Vec::new();
     let mut seen = HashSet::new();
     for root in &arguments.folders {
         for folder in runs_in(root)? {
-            let (identity, variant) =
-                of_folder(&folder, &[]).map_err(|error| Failure::Input(format!("{error:#}")))?;
-            if seen.insert(folder.path().to_owned()) {
-                jobs.push(Job { variant, identity, folder, prepared: None });
+            let run = Run::of_folder(folder, &[]).map_err(|error| Failure::Input(format!("{error:#}")))?;
+            if seen.insert(run.folder.path().to_owned()) {
+                runs.push((run, None));
             }
         }
     }
     // Seed by seed, as `shield run` does.
-    jobs.sort_by_key(|job| job.identity.seed);
-    Session::new(registry, arguments.jobs).work(jobs)
+    runs.sort_by_key(|(run, _)| run.seed);
+    make_all(registry, runs, arguments.jobs, &Earlier::Stays)
 }

@@ -3,14 +3,14 @@
 use std::{num::NonZeroUsize, path::PathBuf};
 
 use clap::Args;
-use shield_config::experiment::{ExperimentFile, Override, Variant};
+use shield_config::experiment::{ExperimentFile, Override};
 use shield_host::plugin::Registry;
-use shield_lab::run::{Identity, Prepared, RunFolder, prepare};
+use shield_lab::run::{Run, prepare};
 use shield_report::report::Record;
 
 use super::{
     Failure, output,
-    session::{Job, Session},
+    session::{Earlier, make_all},
 };
 
 /// Arguments of `shield run`.
@@ -48,14 +48,21 @@ pub struct RunArguments {
 pub fn run(arguments: &RunArguments, registry: &Registry) -> Result<(), Failure> {
     let file = ExperimentFile::read(&arguments.experiment)?;
     let variants = file.variants(&overrides(arguments)?, arguments.variants.as_deref())?;
-    // Everything that can be wrong with the input shows before the first folder is written.
-    let mut prepared = Vec::new();
-    for variant in &variants {
-        prepared.push(Some(prepare(registry, variant, variant.experiment.seeds[0])?));
-    }
-    // What begins at once is not made again; more would only wait, an environment's process too.
+    // Everything that can be wrong with the input shows before the first folder is written. What begins at once is not made again; more
+    // would only wait, an environment's process too.
     let workers = std::thread::available_parallelism().map_or(1, usize::from);
-    prepared.iter_mut().skip(workers).for_each(|later| *later = None);
+    let mut runs = Vec::new();
+    for (index, variant) in variants.iter().enumerate() {
+        let parts = prepare(registry, variant, variant.experiment.seeds[0])?;
+        let mut parts = (index < workers).then_some(parts);
+        for (position, seed) in variant.experiment.seeds.iter().enumerate() {
+            let run = Run::new(&arguments.out, variant.clone(), *seed);
+            runs.push((position, (run, parts.take())));
+        }
+    }
+    // Seed by seed, so that the first results of every variant come early.
+    runs.sort_by_key(|(position, _)| *position);
+    let runs = runs.into_iter().map(|(_, run)| run).collect();
     let record = match &arguments.record {
         Some(path) if path.exists() => {
             Some(Record::read(path).map_err(|error| Failure::Input(format!("{error:#}")))?)
@@ -67,10 +74,8 @@ pub fn run(arguments: &RunArguments, registry: &Registry) -> Result<(), Failure>
         }
         None => None,
     };
-    Session::new(registry, arguments.jobs)
-        .with_overwrite(arguments.overwrite)
-        .with_record(record)
-        .work(jobs(arguments, &variants, prepared))?;
+    let earlier = if arguments.overwrite { Earlier::IsReplaced } else { Earlier::MayStay(record) };
+    make_all(registry, runs, arguments.jobs, &earlier)?;
     let folder = arguments.out.join(&variants[0].experiment.name);
     match &arguments.record {
         Some(record) if !folder.exists() => {
@@ -94,23 +99,4 @@ fn overrides(arguments: &RunArguments) -> Result<Vec<Override>, Failure> {
         overrides.push(Override::new("seeds", &format!("[{list}]"), format!("--seeds {list}"))?);
     }
     Ok(overrides)
-}
-
-/// Seed by seed, so that the first results of every variant come early.
-fn jobs(arguments: &RunArguments, variants: &[Variant], prepared: Vec<Option<Prepared>>) -> Vec<Job> {
-    let mut jobs: Vec<(usize, Job)> = Vec::new();
-    for (variant, mut prepared) in variants.iter().zip(prepared) {
-        for (position, seed) in variant.experiment.seeds.iter().enumerate() {
-            let identity = Identity {
-                experiment: variant.experiment.name.clone(),
-                variant: variant.name.clone(),
-                seed: *seed,
-            };
-            let folder = RunFolder::new(&arguments.out, &identity);
-            let prepared = prepared.take();
-            jobs.push((position, Job { variant: variant.clone(), identity, folder, prepared }));
-        }
-    }
-    jobs.sort_by_key(|(position, _)| *position);
-    jobs.into_iter().map(|(_, job)| job).collect()
 }

@@ -16,7 +16,7 @@ use shield_core::{
     critic::Critic,
     cycle::Memory,
     experience::Experience,
-    shield::{Ladder, LadderSettings, RuleTree, nearest_to_zero},
+    shield::{Ladder, LadderParts, RuleTree},
 };
 use shield_host::plugin::{self, PluginError, Registry, Selection};
 
@@ -137,30 +137,20 @@ impl Workshop<'_> {
     ) -> Result<Ladder, InputError> {
         let setup = &mut self.setup(stream, spaces);
         let rules = self.rules(&config.rules, "shield.rules", setup, reset.info())?;
-        let fallback_action =
-            config.fallback_action.clone().unwrap_or_else(|| nearest_to_zero(&spaces.action));
-        let settings =
-            LadderSettings { spaces: spaces.clone(), warm_up_steps: config.warm_up_steps, fallback_action };
-        let mut ladder = Ladder::new(RuleTree::All(rules), reset, settings)
-            .map_err(|error| self.refused("shield.fallback_action", &error))?;
-        match success {
-            Some(critic) => ladder = ladder.with_success_critic(critic.info()),
-            None if ladder.needs().undo_probabilities() => {
-                let message = "a rule needs undo probabilities: name what estimates them, for example \
-                               `success_critic: Some(plugin: \"success-critic\")`";
-                return Err(self.source.error_at("shield", None, message));
+        let parts = LadderParts {
+            rules,
+            warm_up_steps: config.warm_up_steps,
+            fallback_action: config.fallback_action.clone(),
+            projection: config.projection.clone(),
+            deadline: config.deadline_us.map(Duration::from_micros),
+        };
+        parts.build(spaces, reset, success.map(Critic::info)).map_err(|error| match error.field() {
+            Some("success_critic") => {
+                let example = "for example `success_critic: Some(plugin: \"success-critic\")`";
+                self.source.error_at("shield", None, format!("{}, {example}", error.message()))
             }
-            None => {}
-        }
-        if let Some(projection) = &config.projection {
-            ladder = ladder
-                .with_projection(projection.clone())
-                .map_err(|error| self.refused("shield.projection", &error))?;
-        }
-        if let Some(deadline) = config.deadline_us {
-            ladder = ladder.with_deadline(Duration::from_micros(deadline));
-        }
-        Ok(ladder)
+            _ => self.refused("shield", &error),
+        })
     }
 
     fn rules(

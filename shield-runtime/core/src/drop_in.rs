@@ -4,6 +4,7 @@
 //! environment that can be stepped, [`Shielded`](crate::shielded::Shielded) is the loop around this.
 
 mod builder;
+mod looking;
 mod metrics;
 mod state;
 
@@ -19,10 +20,8 @@ use self::metrics::EpisodeMetrics;
 use crate::{
     cycle::{HardResetDue, ResetCycle},
     decision::{Cause, Decision},
-    diagnosis::Finding,
-    events::Counters,
     experience::AgentRole,
-    shield::{Judgement, Ladder, write_safe},
+    shield::write_safe,
 };
 
 /// A shield, what "reset" means, and what the reset agent learns.
@@ -86,7 +85,6 @@ pub struct DropIn {
     cycle: ResetCycle,
     task: Option<Box<dyn ResetTask>>,
     metrics: EpisodeMetrics,
-    observation: Vec<f32>,
 }
 
 impl DropIn {
@@ -101,11 +99,10 @@ impl DropIn {
     /// # Errors
     /// The cycle has no ladder or no reset agent.
     pub fn new(cycle: ResetCycle, task: Option<Box<dyn ResetTask>>) -> Result<Self> {
-        let (Some(ladder), Some(_)) = (&cycle.parts().ladder, &cycle.parts().reset) else {
+        let (Some(_), Some(_)) = (&cycle.parts().ladder, &cycle.parts().reset) else {
             return Err(Error::invalid_argument("a shield needs rules and a reset agent"));
         };
-        let observation = vec![0.0; ladder.spaces().observation_len()];
-        Ok(Self { cycle, task, metrics: EpisodeMetrics::default(), observation })
+        Ok(Self { cycle, task, metrics: EpisodeMetrics::default() })
     }
 
     /// Everything is at its start, where `observation` is seen: before the first step, and after each hard reset.
@@ -123,7 +120,7 @@ impl DropIn {
     /// As for [`hard_reset_done`](Self::hard_reset_done).
     pub fn hard_reset_done_at(&mut self, observation: &[f32], is_inside: Option<bool>) -> Result<()> {
         self.cycle.require_hard_reset(self.cycle.hard_reset_due().unwrap_or(HardResetDue::Requested));
-        check_finite("the observation after a reset", observation, self.observation.len())?;
+        check_finite("the observation after a reset", observation, self.spaces().observation_len())?;
         if let Some(task) = &mut self.task {
             self.cycle.metrics().collect(|| task.observe_start(observation))?;
         }
@@ -143,7 +140,7 @@ impl DropIn {
     /// # Errors
     /// The observation is invalid, or the reset task failed.
     pub fn observe_start(&mut self, observation: &[f32]) -> Result<()> {
-        check_finite("the observation after a reset", observation, self.observation.len())?;
+        check_finite("the observation after a reset", observation, self.spaces().observation_len())?;
         let Some(task) = &mut self.task else { return Ok(()) };
         self.cycle.metrics().collect(|| task.observe_start(observation))
     }
@@ -168,20 +165,19 @@ impl DropIn {
     fn decide(&mut self, observation: &[f32], action: &[f32]) -> Result<Decision> {
         if !self.is_placed()
             && !self.needs_hard_reset()
-            && check_finite("", observation, self.observation.len()).is_ok()
+            && check_finite("", observation, self.spaces().observation_len()).is_ok()
             && let Err(error) = self.hard_reset_done(observation)
         {
             self.cycle.refuse(Cause::AwaitsHardReset);
             return Err(error);
         }
         // A rule that is told of such a decision would rightly refuse for ever.
-        let lengths = check_length("the observation", observation, self.observation.len())
+        let lengths = check_length("the observation", observation, self.spaces().observation_len())
             .and_then(|()| check_length("the action", action, self.spaces().action_len()));
         if let Err(error) = lengths {
             self.cycle.refuse(Cause::InvalidAction);
             return Err(error);
         }
-        self.observation.copy_from_slice(observation);
         if self.cycle.turn() == AgentRole::Reset {
             return Ok(self.cycle.act_to_reset_or_refuse(observation));
         }
@@ -267,10 +263,10 @@ impl DropIn {
     }
 
     fn signal(&mut self, next_observation: &[f32], given: Option<ResetSignal>) -> Result<ResetSignal> {
-        check_finite("the observation after a step", next_observation, self.observation.len())?;
+        check_finite("the observation after a step", next_observation, self.spaces().observation_len())?;
         let signal = match (&mut self.task, given) {
             (Some(task), None) => {
-                let (observation, action) = (&self.observation, self.cycle.action());
+                let (observation, action) = (self.cycle.observation(), self.cycle.action());
                 self.cycle.metrics().collect(|| task.evaluate(observation, action, next_observation))?
             }
             (None, Some(signal)) => signal,
@@ -303,106 +299,4 @@ impl DropIn {
     pub fn require_hard_reset(&mut self, cause: HardResetDue) {
         self.cycle.require_hard_reset(cause);
     }
-}
-
-/// What can be asked.
-impl DropIn {
-    /// Who is in charge of the next step.
-    pub fn phase(&self) -> Phase {
-        match self.cycle.turn() {
-            AgentRole::Forward => Phase::Forward,
-            AgentRole::Reset => Phase::Reset,
-        }
-    }
-
-    /// Whether [`hard_reset_done`](Self::hard_reset_done) must come next: the reset agent has given up, or the environment has ended.
-    pub fn needs_hard_reset(&self) -> bool {
-        self.hard_reset_due().is_some()
-    }
-
-    /// Why nothing may move before a hard reset, if that is so.
-    pub fn hard_reset_due(&self) -> Option<HardResetDue> {
-        self.cycle.hard_reset_due()
-    }
-
-    /// Whether a start was ever observed.
-    pub fn is_placed(&self) -> bool {
-        self.cycle.is_placed()
-    }
-
-    /// Steps of the present episode.
-    pub fn episode_length(&self) -> u64 {
-        self.cycle.episode_length()
-    }
-
-    /// The spaces of the environment.
-    pub fn spaces(&self) -> &Spaces {
-        self.ladder().spaces()
-    }
-
-    /// What a buffer holds where nothing better can be executed.
-    pub fn fallback_action(&self) -> &[f32] {
-        self.ladder().fallback_action()
-    }
-
-    /// Why the last action was rejected, for a person; empty if it was not.
-    pub fn reason(&self) -> &str {
-        self.ladder().reason()
-    }
-
-    /// What the rules were told of the last proposed action, and what they compared.
-    pub fn judgement(&self) -> &Judgement {
-        self.ladder().judgement()
-    }
-
-    fn ladder(&self) -> &Ladder {
-        self.cycle.ladder().expect("`new` refuses a cycle without a ladder")
-    }
-
-    /// Everything that was counted; what only an environment plugin knows stays 0.
-    pub fn counters(&self) -> &Counters {
-        self.cycle.counters()
-    }
-
-    /// What keeps the shield from helping, as far as it was found, the earliest first: each once, with what was seen and what to do. They only
-    /// grow in number, so that a caller tells a person of those beyond the ones that it knows.
-    pub fn findings(&self) -> impl Iterator<Item = &Finding> {
-        self.cycle.diagnosis().findings()
-    }
-
-    /// Mean of the reset ensemble's values of the action that was proposed last; NaN if no rule needed them.
-    pub fn reset_value(&self) -> f32 {
-        mean(&self.judgement().values)
-    }
-
-    /// Mean of the success critic's estimates that the action that was proposed last can be undone; NaN if no rule needed them.
-    pub fn undo_probability(&self) -> f32 {
-        mean(&self.judgement().probabilities)
-    }
-
-    /// Counts and the learner's figures by name, in a stable order. A figure is the mean over the episode so far, or over the last one.
-    pub fn metrics(&self, take: &mut impl FnMut(&str, f64)) {
-        let counters = self.counters();
-        for (name, count) in [
-            ("steps", counters.steps),
-            ("forward_steps", counters.forward_steps),
-            ("forward_episodes", counters.forward_episodes),
-            ("reset_episodes", counters.reset_episodes),
-            ("reset_successes", self.cycle.reset_successes()),
-            ("early_aborts", counters.early_aborts),
-            ("failed_closed", counters.failed_closed),
-            ("projections", counters.projections),
-            ("warm_up_decisions", counters.warm_up_decisions),
-            ("exploration_replaced", counters.exploration_replaced),
-            ("hard_resets", counters.hard_resets),
-        ] {
-            take(name, count as f64);
-        }
-        take("hard_reset_cost", counters.hard_reset_cost);
-        self.metrics.each(take);
-    }
-}
-
-fn mean(numbers: &[f32]) -> f32 {
-    numbers.iter().sum::<f32>() / numbers.len() as f32
 }

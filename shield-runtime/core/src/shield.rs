@@ -21,4 +21,4 @@ pub use jury::Judgement;
 pub use ladder::{Ladder, LadderSettings, write_safe};
 pub use moment::{Agents, GivenValues, Moment};
 pub use rules::RuleTree;
-pub use setup::nearest_to_zero;
+pub use setup::{LadderParts, nearest_to_zero};

@@ -4,7 +4,7 @@ mod decide;
 mod parts;
 mod state;
 
-pub use parts::{LoopSettings, Participants};
+pub use parts::{LoopParts, LoopSettings};
 
 use std::sync::atomic::{AtomicBool, Ordering};
 
@@ -45,15 +45,9 @@ pub struct JointLoop<'a> {
 }
 
 impl<'a> JointLoop<'a> {
-    /// Prepares a run; `resets` draws the seeds of hard resets, and `stop` ends it before the next step.
-    pub fn new(
-        settings: LoopSettings,
-        participants: Participants,
-        resets: Pcg64,
-        observer: &'a mut dyn Observer,
-        stop: &'a AtomicBool,
-    ) -> Self {
-        let Participants { world, agents, evaluator } = participants;
+    /// A loop before its first step; `stop` ends it before the next one.
+    pub fn new(parts: LoopParts, observer: &'a mut dyn Observer, stop: &'a AtomicBool) -> Self {
+        let LoopParts { settings, world, agents, evaluator, resets } = parts;
         let spec = world.spec();
         let lengths = [spec.spaces.observation_len(), spec.spaces.action_len()];
         let mut cycle = settings.cycle.clone();
@@ -125,9 +119,7 @@ impl<'a> JointLoop<'a> {
 
     /// One step of the episode under way, or of the next one. Returns the episode that ends with it.
     fn step(&mut self) -> anyhow::Result<Option<EpisodeEvent>> {
-        if self.cycle.begin_episode() && self.cycle.turn() == AgentRole::Reset {
-            self.cycle.value_start(self.world.observation())?;
-        }
+        self.cycle.begin_episode();
         if self.pause()? {
             return Ok(Some(self.cycle.finish(EpisodeEnd::Interrupted)));
         }

@@ -19,12 +19,12 @@ mod tables;
 
 pub use accepted_risk::AcceptedRisk;
 pub use attempts::{AttemptSummary, RecordedAttempt, last_half, read_attempts, reliability};
-pub use build::{Prepared, prepare};
+pub use build::prepare;
 pub use calibration::{CalibrationBin, calibration};
 pub use counterfactual::{Counterfactual, counterfactual};
 pub use decisions::{DecisionLog, DecisionRow, read_decisions};
 pub use folder::{RunFolder, write_in_folder};
-pub use launch::{Launch, Order, Restored, Standing, of_folder, restore};
+pub use launch::{Launch, Restored, Run, Standing, provenance, restore};
 pub use new_folder::NewFolder;
 pub use recorder::{Recorder, RecorderState};
 pub use replay::{Replay, replay};

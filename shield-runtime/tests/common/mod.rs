@@ -22,7 +22,7 @@ use shield_runtime::{
     events::{Counters, EpisodeEvent, EvaluationEvent, Intervention},
     experience::{AgentRole, Experience},
     experiment::{Mode, ProjectionConfig, RecordConfig},
-    joint_loop::{JointLoop, LoopSettings, Participants},
+    joint_loop::{JointLoop, LoopParts, LoopSettings},
     observer::{Observer, Scene as Stage},
     shield::{Ladder, LadderSettings},
     world::World,
@@ -357,9 +357,9 @@ impl Scene {
             memory: Some(memory),
         };
         let world = World::new(Box::new(self.line), None).unwrap();
-        let participants = Participants { world, agents, evaluator: self.evaluator };
-        let resets = Pcg64::seed_from_u64(2);
-        let mut joint = JointLoop::new(self.settings, participants, resets, observer, &stop);
+        let (settings, evaluator, resets) = (self.settings, self.evaluator, Pcg64::seed_from_u64(2));
+        let parts = LoopParts { settings, world, agents, evaluator, resets };
+        let mut joint = JointLoop::new(parts, observer, &stop);
         joint.run()?;
         Ok(*joint.counters())
     }

@@ -99,9 +99,7 @@ impl Course {
     fn step(&mut self, happened: &mut Happened) {
         let Self { cycle, world, .. } = self;
         let role = cycle.turn();
-        if cycle.begin_episode() && role == AgentRole::Reset {
-            cycle.value_start(world.observation()).unwrap();
-        }
+        cycle.begin_episode();
         if role == AgentRole::Reset {
             cycle.act_to_reset(world.observation()).unwrap();
         } else {

@@ -1,14 +1,8 @@
 //! A run that cannot go on stays as it is, with everything that the user keeps in its folder.
 
-use std::{
-    os::unix::fs::symlink,
-    process::{Command, Output, Stdio},
-    thread,
-    time::Duration,
-};
+use std::{os::unix::fs::symlink, thread, time::Duration};
 
 use shield_runtime::checkpoint::LockedCheckpoints;
-use shield_tests::shield;
 
 use super::*;
 
@@ -17,23 +11,23 @@ const OWN: [&str; 5] =
     ["notes.txt", "config.partial", "pictures/a.png", "decisions/zz-notes.txt", "checkpoint/mine.rows"];
 
 /// A run with checkpoints after 40 and 20 steps and rows beyond them, and with the user's own files.
-fn unfinished(sabotage: Sabotage) -> Run {
-    let run = Run::new(&short(), &[]);
+fn unfinished(sabotage: Sabotage) -> Trial {
+    let run = Trial::new(&short(), &[]);
     run.go(sabotage);
     for name in OWN {
-        let path = run.folder.path().join(name);
+        let path = run.path().join(name);
         fs::create_dir_all(path.parent().unwrap()).unwrap();
         fs::write(path, name).unwrap();
     }
     run
 }
 
-fn short() -> String {
+pub fn short() -> String {
     gridworld(60, "checkpoint: (every: 20), record: (decisions: 1),").replace("every: 500", "every: 30")
 }
 
 /// Everything in a folder: for each path the bytes of a file, or where a link leads to.
-fn listing(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
+pub fn listing(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
     let mut found = BTreeMap::new();
     for entry in fs::read_dir(folder).unwrap() {
         let path = entry.unwrap().path();
@@ -50,14 +44,14 @@ fn listing(folder: &Path) -> BTreeMap<PathBuf, Vec<u8>> {
 }
 
 /// Says which paths differ, not their bytes.
-fn assert_same(before: &BTreeMap<PathBuf, Vec<u8>>, after: &BTreeMap<PathBuf, Vec<u8>>, why: &str) {
+pub fn assert_same(before: &BTreeMap<PathBuf, Vec<u8>>, after: &BTreeMap<PathBuf, Vec<u8>>, why: &str) {
     let missing: Vec<_> = before.iter().filter(|(path, bytes)| after.get(*path) != Some(bytes)).collect();
     let missing: Vec<&PathBuf> = missing.into_iter().map(|(path, _)| path).collect();
     let added: Vec<&PathBuf> = after.keys().filter(|path| !before.contains_key(*path)).collect();
     assert!(missing.is_empty() && added.is_empty(), "{why}: {missing:?} changed, {added:?} came");
 }
 
-fn both(run: &Run, spoil: impl Fn(&Path)) {
+fn both(run: &Trial, spoil: impl Fn(&Path)) {
     ["latest.bin", "previous.bin"].iter().for_each(|file| spoil(&run.checkpoint(file)));
 }
 
@@ -89,12 +83,12 @@ fn put_a_folder(path: &Path) {
     fs::create_dir(path).unwrap();
 }
 
-fn segment(run: &Run) -> PathBuf {
+fn segment(run: &Trial) -> PathBuf {
     run.checkpoint("experience-000000000000.rows")
 }
 
 /// What is done to a run, and what the message must say.
-type Kind = (&'static str, fn(&Run), &'static [&'static str]);
+type Kind = (&'static str, fn(&Trial), &'static [&'static str]);
 
 const REMEDY: &str = "move the folder aside";
 
@@ -146,7 +140,7 @@ const KINDS: [Kind; 18] = [
     ("no table", |run| remove(run, "metrics.csv"), &["metrics.csv", "put the file back"]),
     (
         "no events",
-        |run| fs::remove_dir_all(run.folder.path().join("tensorboard")).unwrap(),
+        |run| fs::remove_dir_all(run.path().join("tensorboard")).unwrap(),
         &["tensorboard", "put the file back"],
     ),
     (
@@ -157,14 +151,14 @@ const KINDS: [Kind; 18] = [
     ("damaged experience", |run| damage_start(&segment(run)), &["experience", "is damaged", REMEDY]),
     (
         "a table that cannot be written",
-        |run| put_a_folder(&run.folder.path().join("timings.csv")),
+        |run| put_a_folder(&run.path().join("timings.csv")),
         &["timings.csv", "Nothing was changed"],
     ),
     (
         "a linked lock",
         |run| {
             remove(run, "checkpoint/lock");
-            symlink(run.folder.path().join("notes.txt"), run.checkpoint("lock")).unwrap();
+            symlink(run.path().join("notes.txt"), run.checkpoint("lock")).unwrap();
         },
         &["lock is not a regular file", "remove it"],
     ),
@@ -181,8 +175,8 @@ const KINDS: [Kind; 18] = [
     ),
 ];
 
-fn remove(run: &Run, file: &str) {
-    fs::remove_file(run.folder.path().join(file)).unwrap();
+fn remove(run: &Trial, file: &str) {
+    fs::remove_file(run.path().join(file)).unwrap();
 }
 
 fn damage_start(path: &Path) {
@@ -207,10 +201,10 @@ fn two_hundred_failed_resumes_of_every_kind_change_nothing() {
     for (kind, spoil, parts) in KINDS {
         let run = unfinished(Sabotage::Crash(55));
         spoil(&run);
-        let before = listing(run.folder.path());
+        let before = listing(run.path());
         for _ in 0..rounds {
             let message = loop {
-                let error = run.order().proceed().err().unwrap_or_else(|| panic!("{kind}: it went on"));
+                let error = run.proceed().err().unwrap_or_else(|| panic!("{kind}: it went on"));
                 let message = format!("{error:#}");
                 // A process that another test starts holds a copy of the lock until it executes its own program.
                 if !message.contains("by another process") {
@@ -220,43 +214,43 @@ fn two_hundred_failed_resumes_of_every_kind_change_nothing() {
             };
             assert!(parts.iter().all(|part| message.contains(part)), "{kind}: {message}");
         }
-        assert_same(&before, &listing(run.folder.path()), kind);
+        assert_same(&before, &listing(run.path()), kind);
     }
 }
 
 #[test]
 fn a_run_that_another_process_writes_is_left_alone() {
     let run = unfinished(Sabotage::Crash(55));
-    let before = listing(run.folder.path());
-    let lock = LockedCheckpoints::of(run.folder.path()).unwrap().unwrap();
-    for failed in [run.order().proceed(), run.order().begin(None, true)] {
+    let before = listing(run.path());
+    let lock = LockedCheckpoints::of(run.path()).unwrap().unwrap();
+    for failed in [run.proceed(), run.begin(true)] {
         let message = format!("{:#}", failed.err().unwrap());
         assert!(message.contains("another process"), "{message}");
     }
     drop(lock);
-    assert_same(&before, &listing(run.folder.path()), "a locked run");
+    assert_same(&before, &listing(run.path()), "a locked run");
 }
 
 #[test]
 fn a_missing_part_of_the_decisions_stops_a_run_and_is_no_damage() {
     let run = unfinished(Sabotage::Stop(25));
-    let decisions = fs::read_dir(run.folder.path().join("decisions")).unwrap();
+    let decisions = fs::read_dir(run.path().join("decisions")).unwrap();
     let parts = decisions.map(|entry| entry.unwrap().path());
     let last = parts.filter(|path| path.extension().is_some_and(|end| end == "parquet")).max().unwrap();
     fs::remove_file(&last).unwrap();
-    let before = listing(run.folder.path());
-    let message = format!("{:#}", run.order().proceed().err().unwrap());
+    let before = listing(run.path());
+    let message = format!("{:#}", run.proceed().err().unwrap());
     assert!(message.contains("part-") && message.contains("put the file back"), "{message}");
-    assert_same(&before, &listing(run.folder.path()), "a missing part");
+    assert_same(&before, &listing(run.path()), "a missing part");
 }
 
 #[test]
 fn a_refused_state_is_passed_over_for_the_one_before_and_kept() {
-    let expected = Run::uninterrupted(&short());
+    let expected = Trial::uninterrupted(&short());
     let run = unfinished(Sabotage::Crash(55));
     make_the_learner_refuse(&run.checkpoint("latest.bin"));
     let refused = fs::read(run.checkpoint("latest.bin")).unwrap();
-    let launch = run.order().proceed().unwrap();
+    let launch = run.proceed().unwrap();
     assert_eq!(launch.steps_before(), 20);
     let warnings = launch.warnings().join("\n");
     for part in ["passed over", "latest.bin is refused: `forward`", "refused-1.bin"] {
@@ -266,7 +260,7 @@ fn a_refused_state_is_passed_over_for_the_one_before_and_kept() {
     assert_eq!(run.go(Sabotage::None), 20);
     assert_eq!(fs::read(run.checkpoint("refused-1.bin")).unwrap(), refused);
     for name in OWN {
-        let path = run.folder.path().join(name);
+        let path = run.path().join(name);
         assert_eq!(fs::read(&path).unwrap(), name.as_bytes());
         fs::remove_file(path).unwrap();
     }
@@ -275,129 +269,13 @@ fn a_refused_state_is_passed_over_for_the_one_before_and_kept() {
 
 #[test]
 fn a_folder_with_something_else_is_no_run_to_begin_in() {
-    let run = Run::new(&short(), &[]);
-    fs::create_dir_all(run.folder.path()).unwrap();
-    fs::write(run.folder.path().join("notes.txt"), "mine").unwrap();
-    let before = listing(run.folder.path());
-    assert!(matches!(run.order().standing(), Ok(Standing::Foreign)));
-    assert!(run.order().begin(None, false).is_err() && run.order().proceed().is_err());
-    assert_same(&before, &listing(run.folder.path()), "a folder with notes");
-    run.order().begin(None, true).unwrap();
-    assert!(!run.folder.path().join("notes.txt").exists());
-}
-
-/// Runs of several seeds that crashed, in a folder with `x.ron`.
-fn unfinished_runs(seeds: u64) -> TempDir {
-    let home = tempfile::tempdir().unwrap();
-    fs::write(home.path().join("x.ron"), short()).unwrap();
-    let variants = ExperimentFile::read(home.path().join("x.ron")).unwrap().variants(&[], None).unwrap();
-    let variant = &variants[0];
-    for seed in 0..seeds {
-        let identity = Identity { experiment: "small".into(), variant: variant.name.clone(), seed };
-        let folder = RunFolder::new(&home.path().join("runs"), &identity);
-        let order = Order { registry: registry(), variant, identity: &identity, folder: &folder };
-        let stop = AtomicBool::new(false);
-        let saboteur = Saboteur::new(Sabotage::Crash(55), &stop);
-        order.begin(None, false).unwrap().run(saboteur, &stop).unwrap_err();
-        fs::write(folder.path().join("notes.txt"), "mine").unwrap();
-    }
-    home
-}
-
-/// The first of them, uninterrupted.
-fn finished_run() -> (TempDir, PathBuf) {
-    let home = tempfile::tempdir().unwrap();
-    fs::write(home.path().join("x.ron"), short()).unwrap();
-    let output = shield().current_dir(home.path()).args(["run", "x.ron", "--seeds", "0"]).output().unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let run = run_of(&home, 0);
-    (home, run)
-}
-
-fn run_of(home: &TempDir, seed: u64) -> PathBuf {
-    home.path().join(format!("runs/small/default/seed-{seed}"))
-}
-
-/// `shield resume runs`, with so many file descriptors.
-fn resume_with(home: &TempDir, descriptors: u32) -> Output {
-    let shield = shield();
-    let mut command = Command::new("sh");
-    command.current_dir(home.path()).args(["-c", r#"ulimit -n "$0" && exec "$@""#, &descriptors.to_string()]);
-    command.arg(shield.get_program()).args(["resume", "runs"]);
-    let variables = shield.get_envs().filter_map(|(name, value)| Some((name, value?)));
-    command.envs(variables).output().unwrap()
-}
-
-#[test]
-fn a_run_without_enough_file_descriptors_is_left_alone() {
-    let home = unfinished_runs(1);
-    let run = run_of(&home, 0);
-    let before = listing(&run);
-    let mut failures = 0;
-    for descriptors in 4..60 {
-        let output = resume_with(&home, descriptors);
-        let message = String::from_utf8_lossy(&output.stderr);
-        if output.status.success() {
-            assert!(failures > 5, "{failures} failures");
-            assert_eq!(fs::read_to_string(run.join("notes.txt")).unwrap(), "mine");
-            return;
-        }
-        // Once it goes on, it may fail as every run may.
-        if !message.contains("goes on after") {
-            failures += 1;
-            assert_same(&before, &listing(&run), &format!("{descriptors} descriptors: {message}"));
-        }
-    }
-    panic!("it never went on");
-}
-
-#[test]
-fn twenty_runs_with_few_file_descriptors_keep_their_files_and_go_on_later() {
-    let home = unfinished_runs(20);
-    let mut failures = 0;
-    for descriptors in [8, 10, 12, 14, 18, 22, 26, 30] {
-        failures += u32::from(!resume_with(&home, descriptors).status.success());
-        for run in (0..20).map(|seed| run_of(&home, seed)) {
-            assert_eq!(fs::read_to_string(run.join("notes.txt")).unwrap(), "mine");
-            for name in ["config.ron", "plugins.json", "metrics.csv", "checkpoint/latest.bin"] {
-                assert!(run.join(name).is_file(), "{descriptors} descriptors: {name} of {}", run.display());
-            }
-        }
-    }
-    assert!(failures > 1, "{failures} failures");
-    let output = shield().current_dir(home.path()).args(["resume", "runs"]).output().unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
-    let (_calm, calm) = finished_run();
-    let run = run_of(&home, 0);
-    fs::remove_file(run.join("notes.txt")).unwrap();
-    assert!(run_files(&run) == run_files(&calm), "it differs from an uninterrupted run");
-}
-
-#[test]
-fn four_resumes_at_once_over_damaged_checkpoints_all_fail_and_change_nothing() {
-    let home = unfinished_runs(1);
-    let run = run_of(&home, 0);
-    for file in ["latest.bin", "previous.bin"] {
-        damage(&run.join("checkpoint").join(file));
-    }
-    let before = listing(&run);
-    for command in [&["resume", "runs"][..], &["run", "x.ron", "--seeds", "0"]] {
-        let children: Vec<_> = (0..4)
-            .map(|_| {
-                let mut child = shield();
-                child.current_dir(home.path()).args(command).stdout(Stdio::piped()).stderr(Stdio::piped());
-                child.spawn().unwrap()
-            })
-            .collect();
-        for child in children {
-            let output = child.wait_with_output().unwrap();
-            let message = String::from_utf8_lossy(&output.stderr);
-            assert_eq!(output.status.code(), Some(1), "{message}");
-            assert!(
-                message.contains("another process") || message.contains("no checkpoint of it can be used"),
-                "{message}"
-            );
-        }
-        assert_same(&before, &listing(&run), "four at once");
-    }
+    let run = Trial::new(&short(), &[]);
+    fs::create_dir_all(run.path()).unwrap();
+    fs::write(run.path().join("notes.txt"), "mine").unwrap();
+    let before = listing(run.path());
+    assert!(matches!(run.standing(), Ok(Standing::Foreign)));
+    assert!(run.begin(false).is_err() && run.proceed().is_err());
+    assert_same(&before, &listing(run.path()), "a folder with notes");
+    run.begin(true).unwrap();
+    assert!(!run.path().join("notes.txt").exists());
 }

@@ -3,6 +3,8 @@
 
 #[cfg(unix)]
 mod left_alone;
+#[cfg(unix)]
+mod programs;
 mod run_folder;
 mod undoing;
 
@@ -18,10 +20,10 @@ use std::{
 
 use shield_runtime::{
     events::{Counters, EvaluationEvent, Intervention},
-    experiment::{ExperimentFile, Override, Variant},
+    experiment::{ExperimentFile, Override},
     observer::{Observer, Scene, Step},
     plugin::{Registry, SearchPath},
-    run::{Identity, Order, RunFolder, Standing},
+    run::{Launch, Run, Standing},
 };
 use shield_tests::{cart, driven_home, gridworld, plugins_folder, run_files};
 use tempfile::TempDir;
@@ -32,34 +34,40 @@ fn registry() -> &'static Registry {
 }
 
 /// A run in a folder of its own.
-struct Run {
-    variant: Variant,
-    identity: Identity,
-    folder: RunFolder,
+struct Trial {
+    run: Run,
     _home: TempDir,
 }
 
-impl Run {
+impl Trial {
     fn new(experiment: &str, sets: &[&str]) -> Self {
         let home = tempfile::tempdir().unwrap();
         let sets: Vec<Override> = sets.iter().map(|set| Override::parse(set).unwrap()).collect();
         let variants = ExperimentFile::from_text("x.ron", experiment).variants(&sets, None).unwrap();
-        let variant = variants[0].clone();
-        let identity = Identity { experiment: "x".into(), variant: variant.name.clone(), seed: 0 };
-        let folder = RunFolder::new(home.path(), &identity);
-        Self { variant, identity, folder, _home: home }
+        Self { run: Run::new(home.path(), variants[0].clone(), 0), _home: home }
     }
 
-    fn order(&self) -> Order<'_> {
-        Order { registry: registry(), variant: &self.variant, identity: &self.identity, folder: &self.folder }
+    fn path(&self) -> &Path {
+        self.run.folder.path()
+    }
+
+    fn standing(&self) -> anyhow::Result<Standing> {
+        self.run.standing(registry())
+    }
+
+    fn begin(&self, overwrite: bool) -> anyhow::Result<Launch> {
+        self.run.begin(registry(), None, overwrite)
+    }
+
+    fn proceed(&self) -> anyhow::Result<Launch> {
+        self.run.proceed(registry())
     }
 
     /// Begins or goes on, until the saboteur says otherwise. Returns the steps that were made before.
     fn go(&self, sabotage: Sabotage) -> u64 {
-        let order = self.order();
-        let launch = match order.standing().unwrap() {
-            Standing::Missing => order.begin(None, false),
-            _ => order.proceed(),
+        let launch = match self.standing().unwrap() {
+            Standing::Missing => self.begin(false),
+            _ => self.proceed(),
         };
         let launch = launch.unwrap();
         let before = launch.steps_before();
@@ -76,15 +84,15 @@ impl Run {
     }
 
     fn files(&self) -> BTreeMap<String, Vec<u8>> {
-        run_files(self.folder.path())
+        run_files(self.path())
     }
 
     fn checkpoint(&self, name: &str) -> PathBuf {
-        self.folder.path().join("checkpoint").join(name)
+        self.path().join("checkpoint").join(name)
     }
 
     fn last_row(&self) -> String {
-        fs::read_to_string(self.folder.path().join("metrics.csv")).unwrap().lines().last().unwrap().to_owned()
+        fs::read_to_string(self.path().join("metrics.csv")).unwrap().lines().last().unwrap().to_owned()
     }
 }
 
@@ -140,7 +148,7 @@ impl Observer for Saboteur<'_> {
     }
 }
 
-fn same(expected: &BTreeMap<String, Vec<u8>>, run: &Run, why: &str) {
+fn same(expected: &BTreeMap<String, Vec<u8>>, run: &Trial, why: &str) {
     let files = run.files();
     assert_eq!(expected.keys().collect::<Vec<_>>(), files.keys().collect::<Vec<_>>(), "{why}");
     for (name, bytes) in expected {
@@ -161,10 +169,10 @@ fn grid() -> String {
 
 #[test]
 fn a_stopped_run_continues_exactly() {
-    let expected = Run::uninterrupted(&grid());
+    let expected = Trial::uninterrupted(&grid());
     let mut phases = [0, 0];
     for step in [1, 2, 199, 399, 400, 401, 403, 500, 777, 1_000, 1_203, 1_499] {
-        let run = Run::new(&grid(), &[]);
+        let run = Trial::new(&grid(), &[]);
         run.go(Sabotage::Stop(step));
         let row = run.last_row();
         assert!(row.contains("interrupted"), "{row}");
@@ -180,14 +188,14 @@ fn attempts_and_the_risk_are_counted_on_exactly() {
     let rule = r#"rules: [(plugin: "undo-probability"), "#;
     let critic = r#"success_critic: Some((plugin: "tabular-success")), warm_up_steps"#;
     let experiment = grid().replace("rules: [", rule).replace("warm_up_steps", critic);
-    let expected = Run::uninterrupted(&experiment);
+    let expected = Trial::uninterrupted(&experiment);
     let summary = String::from_utf8_lossy(&expected["summary.json"]);
     assert!(
         summary.contains("\"accepted_risk\":0.2") && !summary.contains("\"brier_score\":null"),
         "{summary}"
     );
     for sabotage in [Sabotage::Stop(777), Sabotage::Crash(1_111)] {
-        let run = Run::new(&experiment, &[]);
+        let run = Trial::new(&experiment, &[]);
         run.go(sabotage);
         run.go(Sabotage::None);
         same(&expected, &run, &format!("{sabotage:?}"));
@@ -196,7 +204,7 @@ fn attempts_and_the_risk_are_counted_on_exactly() {
 
 #[test]
 fn a_crashed_run_continues_exactly_from_its_last_checkpoint() {
-    let expected = Run::uninterrupted(&grid());
+    let expected = Trial::uninterrupted(&grid());
     let crash = Sabotage::Crash;
     for (sabotage, last) in [
         (crash(1), 0),
@@ -207,7 +215,7 @@ fn a_crashed_run_continues_exactly_from_its_last_checkpoint() {
         (Sabotage::CrashInEvaluation(500), 400),
         (Sabotage::CrashInEvaluation(1_500), 1_200),
     ] {
-        let run = Run::new(&grid(), &[]);
+        let run = Trial::new(&grid(), &[]);
         run.go(sabotage);
         assert_eq!(run.go(Sabotage::None), last, "{sabotage:?}");
         same(&expected, &run, &format!("{sabotage:?}"));
@@ -216,8 +224,8 @@ fn a_crashed_run_continues_exactly_from_its_last_checkpoint() {
 
 #[test]
 fn a_run_that_stops_and_crashes_many_times_continues_exactly() {
-    let expected = Run::uninterrupted(&grid());
-    let run = Run::new(&grid(), &[]);
+    let expected = Trial::uninterrupted(&grid());
+    let run = Trial::new(&grid(), &[]);
     for step in (30..1_500).step_by(70) {
         run.go(if step % 3 == 0 { Sabotage::Crash(step) } else { Sabotage::Stop(step) });
     }
@@ -232,11 +240,11 @@ fn networks_robots_and_projections_continue_exactly() {
         .replace("rules: [", rules)
         .replace("warm_up_steps", "projection: Qp(margin: 0.01), shield_exploration: true, warm_up_steps")
         .replace("episodes: 2", "episodes: 1, shielded: true");
-    let expected = Run::uninterrupted(&experiment);
+    let expected = Trial::uninterrupted(&experiment);
     let projections = String::from_utf8_lossy(&expected["interventions.csv"]).matches("project").count();
     assert!(projections > 10, "only {projections} projections");
     for sabotage in [Sabotage::Stop(120), Sabotage::Stop(333), Sabotage::Crash(640)] {
-        let run = Run::new(&experiment, &[]);
+        let run = Trial::new(&experiment, &[]);
         run.go(sabotage);
         run.go(Sabotage::None);
         same(&expected, &run, &format!("{sabotage:?}"));
@@ -251,9 +259,9 @@ fn a_shield_that_adapts_continues_exactly_and_so_do_its_evaluations() {
         .replace(r#"(plugin: "ensemble-threshold", config: (q_min: 1.0, combine: Realist))"#, learned)
         .replace("warm_up_steps", r#"success_critic: (plugin: "success-critic"), warm_up_steps"#)
         .replace("every: 500", "every: 200");
-    let expected = Run::uninterrupted(&experiment);
+    let expected = Trial::uninterrupted(&experiment);
     for sabotage in [Sabotage::Stop(333), Sabotage::Crash(640), Sabotage::CrashInEvaluation(1_000)] {
-        let run = Run::new(&experiment, &[]);
+        let run = Trial::new(&experiment, &[]);
         run.go(sabotage);
         run.go(Sabotage::None);
         same(&expected, &run, &format!("{sabotage:?}"));
@@ -264,9 +272,9 @@ fn a_shield_that_adapts_continues_exactly_and_so_do_its_evaluations() {
 fn every_mode_continues_exactly() {
     for mode in ["StatusQuo", "ForwardOnly", "ResetOnly()"] {
         let experiment = gridworld(600, &format!("mode: {mode}, checkpoint: (every: 100),"));
-        let expected = Run::uninterrupted(&experiment);
+        let expected = Trial::uninterrupted(&experiment);
         for sabotage in [Sabotage::Stop(333), Sabotage::Crash(250)] {
-            let run = Run::new(&experiment, &[]);
+            let run = Trial::new(&experiment, &[]);
             run.go(sabotage);
             run.go(Sabotage::None);
             same(&expected, &run, &format!("{mode}, {sabotage:?}"));
@@ -280,10 +288,10 @@ fn a_task_that_calibrates_itself_continues_exactly() {
         500,
         r#"checkpoint: (every: 150), reset_task: (plugin: "calibrated-start", config: (experience: 300)),"#,
     );
-    let expected = Run::uninterrupted(&experiment);
+    let expected = Trial::uninterrupted(&experiment);
     assert!(String::from_utf8_lossy(&expected["learning.csv"]).contains("experience_inside"));
     for sabotage in [Sabotage::Stop(70), Sabotage::Crash(250), Sabotage::Stop(299), Sabotage::Crash(470)] {
-        let run = Run::new(&experiment, &[]);
+        let run = Trial::new(&experiment, &[]);
         run.go(sabotage);
         run.go(Sabotage::None);
         same(&expected, &run, &format!("{sabotage:?}"));
@@ -293,10 +301,10 @@ fn a_task_that_calibrates_itself_continues_exactly() {
 #[test]
 fn a_reset_policy_and_its_critic_continue_exactly() {
     let experiment = driven_home(700, "checkpoint: (every: 150),");
-    let expected = Run::uninterrupted(&experiment);
+    let expected = Trial::uninterrupted(&experiment);
     assert!(String::from_utf8_lossy(&expected["learning.csv"]).contains("success/success_loss"));
     for sabotage in [Sabotage::Stop(70), Sabotage::Crash(250), Sabotage::Stop(401), Sabotage::Crash(640)] {
-        let run = Run::new(&experiment, &[]);
+        let run = Trial::new(&experiment, &[]);
         run.go(sabotage);
         run.go(Sabotage::None);
         same(&expected, &run, &format!("{sabotage:?}"));

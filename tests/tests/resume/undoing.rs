@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use shield_tests::{cart, gridworld, with_shield};
 
-use super::{Run, Sabotage, same};
+use super::{Sabotage, Trial, same};
 
 /// The gridworld with a memory that forgets, tables for undo probabilities, and a rule that rejects often at the start too.
 fn undoing_grid() -> String {
@@ -22,7 +22,7 @@ fn rows_with(files: &BTreeMap<String, Vec<u8>>, table: &str, parts: &[&str]) -> 
 
 #[test]
 fn a_success_critic_and_its_attempts_continue_exactly_within_an_attempt_and_between_aborts() {
-    let expected = Run::uninterrupted(&undoing_grid());
+    let expected = Trial::uninterrupted(&undoing_grid());
     for (table, parts) in [
         ("metrics.csv", ["reset,", "reset_set"]),
         // With nothing to undo.
@@ -40,7 +40,7 @@ fn a_success_critic_and_its_attempts_continue_exactly_within_an_attempt_and_betw
     sabotages.extend([stop(1), stop(64), stop(400), stop(403), stop(1_499), crash(401), crash(1_111)]);
     let mut interrupted = [0, 0];
     for sabotage in sabotages {
-        let run = Run::new(&undoing_grid(), &[]);
+        let run = Trial::new(&undoing_grid(), &[]);
         run.go(sabotage);
         let row = run.last_row();
         interrupted[0] += usize::from(row.contains(",forward,0,") && row.contains("interrupted"));
@@ -66,7 +66,7 @@ fn networks_for_undo_probabilities_and_projections_by_them_continue_exactly() {
         success_critic: (plugin: "success-critic"), projection: Qp(margin: 0.001), shield_exploration: true,"#;
     let experiment = with_shield(&cart(900, "checkpoint: (every: 250),"), learned)
         .replace("capacity: 10_000", "capacity: 400");
-    let expected = Run::uninterrupted(&experiment);
+    let expected = Trial::uninterrupted(&experiment);
     let projections = rows_with(&expected, "interventions.csv", &["project"]);
     assert!(projections > 10, "only {projections} projections");
     let attempts = rows_with(&expected, "metrics.csv", &["reset,"]);
@@ -74,7 +74,7 @@ fn networks_for_undo_probabilities_and_projections_by_them_continue_exactly() {
     for sabotage in
         [Sabotage::Stop(120), Sabotage::Stop(700), Sabotage::Crash(640), Sabotage::StopAtRejection(9)]
     {
-        let run = Run::new(&experiment, &[]);
+        let run = Trial::new(&experiment, &[]);
         run.go(sabotage);
         run.go(Sabotage::None);
         same(&expected, &run, &format!("{sabotage:?}"));

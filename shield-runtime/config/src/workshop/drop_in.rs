@@ -65,6 +65,7 @@ impl DropInFile {
         let settings = CycleSettings {
             attempt_length: config.episode_length,
             explores: learns,
+            values_attempts: false,
             stores_forward: false,
             hard_reset_cost: config.hard_reset_cost,
             ..cycle_settings(&config.shield, learned)

@@ -11,25 +11,6 @@ use crate::{
 };
 
 impl ResetCycle {
-    /// Notes the mean of the reset ensemble's values of its greedy action at the start of an attempt. A reset controller has none.
-    ///
-    /// # Errors
-    /// There is no reset agent, or it failed.
-    pub fn value_start(&mut self, observation: &[f32]) -> Result<()> {
-        let reset = self.parts.reset.as_mut().ok_or_else(no_reset_agent)?;
-        if !reset.learns() {
-            return Ok(());
-        }
-        self.values.resize(reset.info().members, 0.0);
-        reset.learner().act(observation, ActMode::Greedy, &mut self.action)?;
-        reset.learner().q_values(observation, &self.action, &mut self.values)?;
-        let mean = self.values.iter().sum::<f32>() / self.values.len() as f32;
-        if let Some(episode) = &mut self.episode {
-            episode.reset_value = Some(mean);
-        }
-        Ok(())
-    }
-
     /// The forward agent proposes an action. If it fails where a shield decides, [`decide`](Self::decide) aborts.
     ///
     /// # Errors
@@ -108,11 +89,14 @@ impl ResetCycle {
         self.observation.copy_from_slice(observation);
         self.is_pending = true;
         self.since_reset.stays = false;
-        self.predict(observation);
+        let is_greedy = self.look_ahead(observation)?;
         let CycleParts { forward, reset, success, ladder, .. } = &mut self.parts;
         let reset = reset.as_mut().ok_or_else(no_reset_agent)?;
-        let mode = if self.settings.explores { ActMode::Explore } else { ActMode::Greedy };
-        reset.learner().act(observation, mode, &mut self.action)?;
+        if self.settings.explores {
+            reset.learner().act(observation, ActMode::Explore, &mut self.action)?;
+        } else if !is_greedy {
+            reset.learner().act(observation, ActMode::Greedy, &mut self.action)?;
+        }
         let Some(ladder) = ladder else { return Ok(None) };
         self.proposed.copy_from_slice(&self.action);
         let moment = Moment {

@@ -84,6 +84,11 @@ impl ResetCycle {
         self.reset_successes
     }
 
+    /// Where the last action was decided on.
+    pub fn observation(&self) -> &[f32] {
+        &self.observation
+    }
+
     /// What may be executed.
     pub fn action(&self) -> &[f32] {
         &self.action

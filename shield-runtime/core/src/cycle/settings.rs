@@ -23,6 +23,9 @@ pub struct CycleSettings {
     pub explores: bool,
     /// The rules judge the reset agent's exploratory actions; a rejected one gives way to its greedy one.
     pub shield_exploration: bool,
+    /// The reset agent's values of the start of each attempt are reported; not those of a reset controller, which has none. An agent that
+    /// fails to give them fails.
+    pub values_attempts: bool,
     /// What the forward agent learns from an abort.
     pub on_abort: OnAbort,
     /// Whether the forward agent learns from the experience too; a caller's own agent keeps its own.
@@ -51,6 +54,7 @@ impl Default for CycleSettings {
             stop_on_reset: true,
             explores: true,
             shield_exploration: false,
+            values_attempts: true,
             on_abort: OnAbort::default(),
             stores_forward: true,
             endings: Endings::default(),

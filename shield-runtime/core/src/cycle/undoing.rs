@@ -1,7 +1,7 @@
 //! What belongs to undo probabilities: how attempts ended, what was expected of them, and aborts with nothing to undo.
 
 use serde::{Deserialize, Serialize};
-use shield_api::{ActMode, ObservedAttempt, StepOutcome};
+use shield_api::{ActMode, ObservedAttempt, Result, StepOutcome};
 
 use super::{CycleParts, Memory, ResetCycle};
 use crate::{
@@ -117,20 +117,37 @@ impl ResetCycle {
         Some(if has_reset { AttemptOutcome::Succeeded } else { AttemptOutcome::Failed })
     }
 
-    /// At the start of an attempt: what the success critic expects of it. Nothing depends on it but reports, so a critic that fails is
-    /// left to the shield, which asks it for decisions.
-    pub(super) fn predict(&mut self, observation: &[f32]) {
-        let CycleParts { reset, success, .. } = &mut self.parts;
-        let (Some(reset), Some(success), Some(Tally { length: 0, .. })) = (reset, success, &self.episode)
-        else {
-            return;
-        };
-        self.values.resize(success.info().members, 0.0);
-        let expected = reset
-            .learner()
-            .act(observation, ActMode::Greedy, &mut self.action)
-            .and_then(|()| success.critic().probabilities(observation, &self.action, &mut self.values));
-        let mean = self.values.iter().sum::<f32>() / self.values.len() as f32;
-        self.since_reset.predicted = expected.ok().map(|()| mean).filter(|mean| (0.0..=1.0).contains(mean));
+    /// At the start of an attempt: what the reset agent's values and the success critic expect of its greedy action. Only reports depend on
+    /// it. A critic that fails is left to the shield, which asks it for decisions. Returns whether `action` holds the greedy action.
+    ///
+    /// # Errors
+    /// The start [is to be valued](super::CycleSettings::values_attempts), and the reset agent failed.
+    pub(super) fn look_ahead(&mut self, observation: &[f32]) -> Result<bool> {
+        let CycleParts { reset: Some(reset), success, .. } = &mut self.parts else { return Ok(false) };
+        let Some(episode @ Tally { length: 0, .. }) = &mut self.episode else { return Ok(false) };
+        // A reset controller has no values.
+        let is_valued = self.settings.values_attempts && reset.learns();
+        if !is_valued && success.is_none() {
+            return Ok(false);
+        }
+        let (members, reset) = (reset.info().members, reset.learner());
+        let asked = reset.act(observation, ActMode::Greedy, &mut self.action);
+        if is_valued {
+            asked.clone()?;
+            self.values.resize(members, 0.0);
+            reset.q_values(observation, &self.action, &mut self.values)?;
+            episode.reset_value = Some(mean(&self.values));
+        }
+        if let (Some(success), Ok(())) = (success, &asked) {
+            self.values.resize(success.info().members, 0.0);
+            let expected = success.critic().probabilities(observation, &self.action, &mut self.values);
+            let probability = expected.ok().map(|()| mean(&self.values));
+            self.since_reset.predicted = probability.filter(|mean| (0.0..=1.0).contains(mean));
+        }
+        Ok(asked.is_ok())
     }
+}
+
+fn mean(values: &[f32]) -> f32 {
+    values.iter().sum::<f32>() / values.len() as f32
 }

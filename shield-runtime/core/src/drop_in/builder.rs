@@ -13,7 +13,7 @@ use crate::{
     cycle::{CycleParts, CycleSettings, Memory, ResetCycle},
     experience::{AgentRole, Experience},
     settings::{Endings, ProjectionConfig, Updates},
-    shield::{Ladder, LadderSettings, RuleTree, nearest_to_zero},
+    shield::{LadderParts, RuleTree},
 };
 
 /// What the reset agent learns from, and when.
@@ -48,11 +48,7 @@ pub struct DropInBuilder {
     reset_agent: Box<dyn Learner>,
     success_critic: Option<Box<dyn SuccessCritic>>,
     reset_task: Option<Box<dyn ResetTask>>,
-    rules: Vec<RuleTree>,
-    projection: Option<ProjectionConfig>,
-    deadline: Option<Duration>,
-    fallback_action: Option<Vec<f32>>,
-    warm_up_steps: u64,
+    ladder: LadderParts,
     learning: Option<Learning>,
     settings: CycleSettings,
 }
@@ -64,13 +60,14 @@ impl DropInBuilder {
             reset_agent,
             success_critic: None,
             reset_task: None,
-            rules: Vec::new(),
-            projection: None,
-            deadline: None,
-            fallback_action: None,
-            warm_up_steps: 0,
+            ladder: LadderParts::default(),
             learning: None,
-            settings: CycleSettings { explores: false, stores_forward: false, ..CycleSettings::default() },
+            settings: CycleSettings {
+                explores: false,
+                values_attempts: false,
+                stores_forward: false,
+                ..CycleSettings::default()
+            },
         }
     }
 
@@ -92,7 +89,7 @@ impl DropInBuilder {
     /// One more rule, or rules composed; all must allow an action.
     #[must_use]
     pub fn rules(mut self, rules: RuleTree) -> Self {
-        self.rules.push(rules);
+        self.ladder.rules.push(rules);
         self
     }
 
@@ -105,14 +102,14 @@ impl DropInBuilder {
     /// What is tried with a rejected action before it is aborted.
     #[must_use]
     pub fn projection(mut self, projection: ProjectionConfig) -> Self {
-        self.projection = Some(projection);
+        self.ladder.projection = Some(projection);
         self
     }
 
     /// A decision that takes longer is an abort.
     #[must_use]
     pub fn deadline(mut self, deadline: Duration) -> Self {
-        self.deadline = Some(deadline);
+        self.ladder.deadline = Some(deadline);
         self
     }
 
@@ -120,7 +117,7 @@ impl DropInBuilder {
     /// action of the space that is nearest to 0.
     #[must_use]
     pub fn fallback_action(mut self, action: Vec<f32>) -> Self {
-        self.fallback_action = Some(action);
+        self.ladder.fallback_action = Some(action);
         self
     }
 
@@ -128,7 +125,7 @@ impl DropInBuilder {
     /// Default: 0.
     #[must_use]
     pub fn warm_up_steps(mut self, steps: u64) -> Self {
-        self.warm_up_steps = steps;
+        self.ladder.warm_up_steps = steps;
         self
     }
 
@@ -166,7 +163,7 @@ impl DropInBuilder {
     /// There is no rule; something does not fit the spaces or the rules; a number is 0 that must not be.
     pub fn build(self) -> Result<DropIn> {
         let Self { spaces, reset_agent, mut settings, learning, .. } = self;
-        if self.rules.is_empty() {
+        if self.ladder.rules.is_empty() {
             return Err(Error::invalid_config("a shield without any rule would never abort"));
         }
         if settings.reset_attempts == Some(0) || settings.attempt_length == 0 {
@@ -174,23 +171,8 @@ impl DropInBuilder {
                 "there is at least one attempt to reset, of at least one step",
             ));
         }
-        let fallback_action = self.fallback_action.unwrap_or_else(|| nearest_to_zero(&spaces.action));
-        let warm_up_steps = self.warm_up_steps;
-        let ladder_settings = LadderSettings { spaces: spaces.clone(), warm_up_steps, fallback_action };
-        let mut ladder = Ladder::new(RuleTree::All(self.rules), &*reset_agent, ladder_settings)?;
-        match &self.success_critic {
-            Some(critic) => ladder = ladder.with_success_critic(critic.info()),
-            None if ladder.needs().undo_probabilities() => {
-                return Err(Error::invalid_config("a rule needs undo probabilities: name a success critic"));
-            }
-            None => {}
-        }
-        if let Some(projection) = self.projection {
-            ladder = ladder.with_projection(projection)?;
-        }
-        if let Some(deadline) = self.deadline {
-            ladder = ladder.with_deadline(deadline);
-        }
+        let critic = self.success_critic.as_ref().map(|critic| critic.info());
+        let ladder = self.ladder.build(&spaces, &*reset_agent, critic)?;
         let (mut batch, mut seed, mut memory) = (0, 0, None);
         if let Some(learning) = learning {
             if self.success_critic.is_some() && !learning.experience.keeps_undo() {

@@ -94,7 +94,7 @@ impl DropIn {
         });
         Ok(DropInState {
             kind: KIND.into(),
-            observation_len: self.observation.len(),
+            observation_len: self.spaces().observation_len(),
             action_len: self.spaces().action_len(),
             spaces: format!("{:?}", self.spaces()),
             counters,
@@ -123,8 +123,10 @@ impl DropIn {
         if state.kind != KIND {
             return Err(foreign("it is not the state of a drop-in shield".into()));
         }
-        let (found, own) =
-            ((state.observation_len, state.action_len), (self.observation.len(), self.spaces().action_len()));
+        let (found, own) = (
+            (state.observation_len, state.action_len),
+            (self.spaces().observation_len(), self.spaces().action_len()),
+        );
         if found != own {
             return Err(foreign(format!(
                 "it belongs to observations of {} and actions of {} numbers; here they have {} and {}",

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use shield_api::{Error, Learner, Result, Space, SuccessCriticInfo};
+use shield_api::{Error, Learner, Result, Space, Spaces, SuccessCriticInfo};
 
 use super::{
     explanation::Explanation,
@@ -13,6 +13,56 @@ use super::{
     solver::Solver,
 };
 use crate::settings::ProjectionConfig;
+
+/// What a ladder is made of, as an experiment and a drop-in give it.
+#[derive(Default)]
+pub struct LadderParts {
+    /// All must allow an action.
+    pub rules: Vec<RuleTree>,
+    /// As in [`LadderSettings`].
+    pub warm_up_steps: u64,
+    /// As in [`LadderSettings`]; `None`: the action of the space that is nearest to 0.
+    pub fallback_action: Option<Vec<f32>>,
+    /// What is tried before an action is aborted.
+    pub projection: Option<ProjectionConfig>,
+    /// A decision that takes longer is an abort.
+    pub deadline: Option<Duration>,
+}
+
+impl LadderParts {
+    /// The ladder for a reset agent and a success critic like these.
+    ///
+    /// # Errors
+    /// A part does not fit the spaces, the rules or the reset agent; the error names the field. A rule needs undo probabilities and there is
+    /// no success critic: then the field is `success_critic`.
+    pub fn build(
+        self,
+        spaces: &Spaces,
+        reset_agent: &dyn Learner,
+        success: Option<SuccessCriticInfo>,
+    ) -> Result<Ladder> {
+        let Self { rules, warm_up_steps, fallback_action, projection, deadline } = self;
+        let fallback_action = fallback_action.unwrap_or_else(|| nearest_to_zero(&spaces.action));
+        let settings = LadderSettings { spaces: spaces.clone(), warm_up_steps, fallback_action };
+        let mut ladder = Ladder::new(RuleTree::All(rules), reset_agent, settings)?;
+        match success {
+            Some(critic) => ladder = ladder.with_success_critic(critic),
+            None if ladder.needs().undo_probabilities() => {
+                let message = "a rule needs undo probabilities: name what estimates them";
+                return Err(Error::invalid_config(message).in_field("success_critic"));
+            }
+            None => {}
+        }
+        if let Some(projection) = projection {
+            ladder = ladder.with_projection(projection).map_err(|error| {
+                let field = error.field().map_or("projection".into(), |field| format!("projection.{field}"));
+                error.in_field(field)
+            })?;
+        }
+        ladder.deadline = deadline;
+        Ok(ladder)
+    }
+}
 
 impl Ladder {
     /// A ladder over `rules`, for a reset agent like `reset_agent`: without projection, without deadline.
@@ -25,10 +75,12 @@ impl Ladder {
         reset_agent: &dyn Learner,
         settings: LadderSettings,
     ) -> Result<Self> {
-        settings.spaces.action.check_action(&settings.fallback_action)?;
+        let (action, fallback) = (&settings.spaces.action, &settings.fallback_action);
+        action.check_action(fallback).map_err(|error| error.in_field("fallback_action"))?;
         let width = settings.spaces.action_len();
+        let jury = Jury::new(rules.into(), reset_agent, width).map_err(|error| error.in_field("rules"))?;
         Ok(Self {
-            jury: Jury::new(rules.into(), reset_agent, width)?,
+            jury,
             members: [reset_agent.info().members, 0],
             projector: None,
             deadline: None,

@@ -1,5 +1,7 @@
 //! What a run of the joint loop is made of.
 
+use rand_pcg::Pcg64;
+
 use crate::evaluation::Evaluator;
 use shield_core::{
     cycle::{CycleParts, CycleSettings},
@@ -22,12 +24,16 @@ pub struct LoopSettings {
     pub checkpoint_every: Option<u64>,
 }
 
-/// Who takes part in a loop.
-pub struct Participants {
+/// What a loop is made of before its first step.
+pub struct LoopParts {
+    /// When it does what.
+    pub settings: LoopSettings,
     /// Environment and reset task.
     pub world: World,
     /// Both agents, what decides, and what they learn from.
     pub agents: CycleParts,
     /// Evaluates in a second instance of the environment.
     pub evaluator: Option<Evaluator>,
+    /// Draws the seeds of hard resets.
+    pub resets: Pcg64,
 }

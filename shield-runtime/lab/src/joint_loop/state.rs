@@ -1,6 +1,6 @@
 //! Keeping the state of a loop, and going on from it.
 
-use super::{JointLoop, Participants};
+use super::{JointLoop, LoopParts};
 use crate::{
     evaluation::Evaluator,
     loop_state::{LoopRandomness, LoopState},
@@ -22,7 +22,7 @@ pub(super) enum Start {
     Finished,
 }
 
-impl Participants {
+impl LoopParts {
     /// Gives both agents and the rules what they had learned; the world stays as it is.
     ///
     /// # Errors
@@ -62,7 +62,7 @@ impl Participants {
 }
 
 impl JointLoop<'_> {
-    /// Goes on from the `state` that [`Participants::restore`] gave to the participants; their experience must be that of the same moment.
+    /// Goes on from the `state` that [`LoopParts::restore`] gave to its parts; their experience must be that of the same moment.
     /// Where a plugin could not save its state, the loop goes on from a counted hard reset.
     pub fn go_on(&mut self, state: &LoopState) {
         self.cycle.metrics().restore(&state.metrics);

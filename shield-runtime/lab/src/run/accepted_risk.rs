@@ -1,14 +1,11 @@
 //! The risk that the user accepts, as the rule `undo-probability` is told.
 
 use serde::Deserialize;
-use shield_api::notation;
+use shield_api::{USUAL_ACCEPTED_RISK, notation};
 
 use shield_config::experiment::{Experiment, Mode};
 
 const RULE: &str = "undo-probability";
-
-/// What the rule accepts where its configuration says nothing. Its manifest says the same, and a test compares them.
-const USUAL: f64 = 0.2;
 
 /// How many attempts may fail.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -48,7 +45,7 @@ impl AcceptedRisk {
         let Config { accepted_risk, hard_resets_per_1000, adapt } = notation::from_str(config).ok()?;
         adapt.then(|| match hard_resets_per_1000 {
             Some(budget) => Self::Per1000Steps(budget),
-            None => Self::Share(accepted_risk.unwrap_or(USUAL)),
+            None => Self::Share(accepted_risk.unwrap_or(USUAL_ACCEPTED_RISK)),
         })
     }
 

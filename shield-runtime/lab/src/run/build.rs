@@ -1,11 +1,10 @@
 //! From an experiment to a run that can start: every plugin loaded and configured, before anything is written.
 
-use rand_pcg::Pcg64;
 use shield_api::{Environment, Host, Learner, Setup, Spaces};
 
 use crate::{
     evaluation::Evaluator,
-    joint_loop::{LoopSettings, Participants},
+    joint_loop::{LoopParts, LoopSettings},
     lanes::Lanes,
 };
 use shield_config::{
@@ -28,21 +27,11 @@ use shield_host::plugin::{self, PluginError, Registry};
 /// Instances of the environment that an evaluation has at most. A constant, so that results do not depend on the machine.
 const MOST_LANES: u64 = 4;
 
-/// A run that can start.
-pub struct Prepared {
-    /// Settings of the loop.
-    pub settings: LoopSettings,
-    /// Who takes part.
-    pub participants: Participants,
-    /// Draws the seeds of hard resets.
-    pub resets: Pcg64,
-}
-
 /// Loads and configures everything that a run of `variant` with `seed` needs. Writes nothing.
 ///
 /// # Errors
 /// A plugin is missing or broken, refuses its configuration, or does not fit the others.
-pub fn prepare(registry: &Registry, variant: &Variant, seed: u64) -> Result<Prepared, InputError> {
+pub fn prepare(registry: &Registry, variant: &Variant, seed: u64) -> Result<LoopParts, InputError> {
     Builder::new(registry, variant, seed).prepare()
 }
 
@@ -77,7 +66,7 @@ impl<'a> Builder<'a> {
         Self { workshop, variant, experiment }
     }
 
-    fn prepare(&self) -> Result<Prepared, InputError> {
+    fn prepare(&self) -> Result<LoopParts, InputError> {
         let experiment = self.experiment;
         let world = self.world([Stream::Environment, Stream::ResetTask], 0, plugin::host())?;
         if experiment.record.states_every > 0 {
@@ -130,9 +119,8 @@ impl<'a> Builder<'a> {
             ladder,
             memory: Some(memory),
         };
-        let participants = Participants { world, agents, evaluator };
         let resets = self.workshop.generator(Stream::HardResets);
-        Ok(Prepared { settings: loop_settings(experiment), participants, resets })
+        Ok(LoopParts { settings: loop_settings(experiment), world, agents, evaluator, resets })
     }
 
     /// The environment with its reset task, each with a stream of its own. `instance` tells several of one stream apart.

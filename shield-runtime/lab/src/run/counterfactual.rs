@@ -6,7 +6,7 @@ use anyhow::{Context, Result, bail, ensure};
 use shield_api::{ActMode, Learner};
 
 use super::{decisions::read_decisions, folder::RunFolder, launch::restore};
-use crate::joint_loop::Participants;
+use crate::joint_loop::LoopParts;
 use shield_core::world::{Stepped, World};
 use shield_host::plugin::Registry;
 
@@ -35,9 +35,9 @@ pub fn counterfactual(
     mut progress: impl FnMut(u64),
 ) -> Result<Counterfactual> {
     let restored = restore(registry, &RunFolder::at(run), &[])?;
-    let Participants { mut world, agents, .. } = restored.prepared.participants;
+    let LoopParts { mut world, agents, .. } = restored.parts;
     let mut reset = agents.reset.context("the run has no reset agent")?;
-    world.hard_reset(None, restored.identity.seed)?;
+    world.hard_reset(None, restored.run.seed)?;
     restored.state.restore_reset_task(&mut world)?;
     let mut action = vec![0.0; world.spec().spaces.action_len()];
     let mut tried = Counterfactual::default();

@@ -7,37 +7,42 @@ use std::path::{Path, PathBuf};
 
 use anyhow::{Context, Result, anyhow};
 
-use super::recorder::RecorderState;
 use super::{
-    build::Prepared,
-    launch::{Launch, Order},
+    build::prepare,
+    launch::{Launch, Run, provenance},
+    recorder::{Recorder, RecorderState},
 };
-use crate::checkpoint::{BEGIN_ANEW, CheckpointError, LockedCheckpoints, Provenance, Saved};
+use crate::{
+    checkpoint::{BEGIN_ANEW, CheckpointError, LockedCheckpoints, Provenance, Saved},
+    joint_loop::LoopParts,
+};
+use shield_host::plugin::Registry;
 
 /// What came of the trial of a checkpoint.
 enum Judged {
-    Usable(Box<(Prepared, Saved<RecorderState>)>),
+    Usable(Box<(LoopParts, Saved<RecorderState>)>),
     Refused(CheckpointError),
 }
 
-impl Order<'_> {
+impl Run {
     /// Goes on with the run from its last checkpoint, or from the one before it if the last one is damaged or a plugin refuses its state.
     /// The run stays locked from the first look to its end.
     ///
     /// # Errors
     /// There is no usable checkpoint, another process writes the run, a checkpoint is of other plugins or another configuration, or a file is
     /// missing or cannot be read or written. Then the folder is as it was.
-    pub fn proceed(&self) -> Result<Launch> {
-        let provenance = self.provenance()?;
+    pub fn proceed(&self, registry: &Registry) -> Result<Launch> {
+        let provenance = provenance(registry, &self.variant, self.seed)?;
         let locked = LockedCheckpoints::of(self.folder.path()).map_err(stop)?;
         let locked = locked.ok_or_else(|| without_checkpoint(&[]))?;
         let mut refused = Vec::new();
         for path in locked.paths().map_err(stop)? {
-            let judged = self.judge(&locked, &path, &provenance);
+            let judged = self.judge(registry, &locked, &path, &provenance);
             match judged.map_err(|error| after_refusals(error, &refused))? {
                 Judged::Usable(usable) => {
-                    let (prepared, saved) = *usable;
-                    return self.go_on(locked, provenance, prepared, saved, &refused);
+                    let (parts, saved) = *usable;
+                    let recorder = self.reopen(registry, &saved, &parts)?;
+                    return go_on(locked, provenance, parts, recorder, saved, &refused);
                 }
                 Judged::Refused(error) => refused.push((path, error)),
             }
@@ -46,62 +51,73 @@ impl Order<'_> {
     }
 
     /// Tries a checkpoint with plugins of its own, which nobody uses any more if they refuse it.
-    fn judge(&self, locked: &LockedCheckpoints, path: &Path, provenance: &Provenance) -> Result<Judged> {
+    fn judge(
+        &self,
+        registry: &Registry,
+        locked: &LockedCheckpoints,
+        path: &Path,
+        provenance: &Provenance,
+    ) -> Result<Judged> {
         let saved: Saved<RecorderState> = match locked.read(path, provenance) {
             Ok(saved) => saved,
             Err(error) if error.is_damage() => return Ok(Judged::Refused(error)),
             Err(error) => return Err(stop(error)),
         };
-        let mut prepared = self.prepare()?;
-        let participants = &mut prepared.participants;
-        let experience = &mut participants.agents.memory.as_mut().context("a run has a memory")?.experience;
+        let mut parts = prepare(registry, &self.variant, self.seed)?;
+        let experience = &mut parts.agents.memory.as_mut().context("a run has a memory")?.experience;
         let taken = locked.fill(&saved, experience).and_then(|()| {
-            let restored = participants.restore(&saved.state);
+            let restored = parts.restore(&saved.state);
             restored.map_err(|error| CheckpointError::Refused { path: path.to_owned(), error })
         });
         match taken {
-            Ok(()) => Ok(Judged::Usable(Box::new((prepared, saved)))),
+            Ok(()) => Ok(Judged::Usable(Box::new((parts, saved)))),
             Err(error) if error.is_damage() => Ok(Judged::Refused(error)),
             Err(error) => Err(stop(error)),
         }
     }
 
-    /// First everything is opened, then the files are cut back to the checkpoint.
-    fn go_on(
+    /// Opens the files, and changes nothing yet.
+    fn reopen(
         &self,
-        locked: LockedCheckpoints,
-        provenance: Provenance,
-        prepared: Prepared,
-        saved: Saved<RecorderState>,
-        refused: &[(PathBuf, CheckpointError)],
-    ) -> Result<Launch> {
-        let mut recorder = self.recorder(Some(saved.recorder.clone()), &prepared).map_err(|error| {
+        registry: &Registry,
+        saved: &Saved<RecorderState>,
+        parts: &LoopParts,
+    ) -> Result<Recorder> {
+        self.recorder(registry, Some(saved.recorder.clone()), parts).map_err(|error| {
             anyhow!("{error:#}. Nothing was changed; remove the cause, then give the same command again")
-        })?;
-        let mut store = locked.go_on(&saved, provenance).map_err(stop)?;
-        // From here on the folder changes.
-        recorder.cut_back(&saved.recorder)?;
-        let mut warnings = Vec::new();
-        for (path, error) in refused {
-            let kept = store.set_aside(path)?;
-            warnings.push(format!(
-                "a checkpoint is passed over for the one before, and kept as {}: {error}",
-                kept.display()
-            ));
-        }
-        let participants = &prepared.participants;
-        let memory = participants.agents.memory.as_ref().context("a run has a memory")?;
-        store.cut_back(memory.experience.row_bytes())?;
-
-        let unsaved = saved.state.unsaved();
-        warnings.extend(unsaved.iter().map(|field| {
-            format!(
-                "the plugin of `{field}` cannot save its state: it begins anew, after a counted hard reset"
-            )
-        }));
-        let recorder = recorder.with_checkpoints(store, unsaved.is_empty());
-        Ok(self.launch(prepared, recorder, Some(saved.state), None, warnings))
+        })
     }
+}
+
+/// Cuts everything that is opened back to the checkpoint.
+fn go_on(
+    locked: LockedCheckpoints,
+    provenance: Provenance,
+    parts: LoopParts,
+    mut recorder: Recorder,
+    saved: Saved<RecorderState>,
+    refused: &[(PathBuf, CheckpointError)],
+) -> Result<Launch> {
+    let mut store = locked.go_on(&saved, provenance).map_err(stop)?;
+    // From here on the folder changes.
+    recorder.cut_back(&saved.recorder)?;
+    let mut warnings = Vec::new();
+    for (path, error) in refused {
+        let kept = store.set_aside(path)?;
+        warnings.push(format!(
+            "a checkpoint is passed over for the one before, and kept as {}: {error}",
+            kept.display()
+        ));
+    }
+    let memory = parts.agents.memory.as_ref().context("a run has a memory")?;
+    store.cut_back(memory.experience.row_bytes())?;
+
+    let unsaved = saved.state.unsaved();
+    warnings.extend(unsaved.iter().map(|field| {
+        format!("the plugin of `{field}` cannot save its state: it begins anew, after a counted hard reset")
+    }));
+    let recorder = recorder.with_checkpoints(store, unsaved.is_empty());
+    Ok(Launch { parts, recorder, state: Some(saved.state), new: None, warnings })
 }
 
 /// Why the run does not go on, and what to do.

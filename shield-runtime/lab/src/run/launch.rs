@@ -8,7 +8,7 @@ use shield_api::manifest::Manifest;
 
 use super::{
     accepted_risk::AcceptedRisk,
-    build::{Prepared, prepare},
+    build::prepare,
     folder::RunFolder,
     new_folder::NewFolder,
     recorder::{Recorder, RecorderState},
@@ -16,7 +16,7 @@ use super::{
 };
 use crate::{
     checkpoint::{CheckpointStore, LockedCheckpoints, PluginVersion, Provenance, last_checkpoint},
-    joint_loop::JointLoop,
+    joint_loop::{JointLoop, LoopParts},
     loop_state::LoopState,
     observer::{Fanout, Observer},
 };
@@ -25,17 +25,15 @@ use shield_config::experiment::{
 };
 use shield_host::plugin::{PluginError, Registry};
 
-/// Which run, with everything that it is made of.
-#[derive(Debug, Clone, Copy)]
-pub struct Order<'a> {
-    /// Where the plugins are.
-    pub registry: &'a Registry,
+/// One seed of one variant of an experiment, and where it is written.
+#[derive(Debug, Clone)]
+pub struct Run {
     /// The variant.
-    pub variant: &'a Variant,
-    /// Its names and seed.
-    pub identity: &'a Identity,
-    /// Where it is written.
-    pub folder: &'a RunFolder,
+    pub variant: Variant,
+    /// The seed.
+    pub seed: u64,
+    /// The folder, which may not be there yet.
+    pub folder: RunFolder,
 }
 
 /// What is left to be done of a run.
@@ -53,23 +51,53 @@ pub enum Standing {
     Differs(Difference),
 }
 
-/// A run that is ready to go.
+/// A run that is ready to go: its files are open, and no other process can write it.
 pub struct Launch {
-    prepared: Prepared,
-    recorder: Recorder,
-    state: Option<LoopState>,
+    pub(super) parts: LoopParts,
+    pub(super) recorder: Recorder,
+    /// Where it goes on; `None` if it begins.
+    pub(super) state: Option<LoopState>,
     /// What this launch made; `None` if it goes on.
-    new: Option<NewFolder>,
-    name: String,
-    warnings: Vec<String>,
+    pub(super) new: Option<NewFolder>,
+    pub(super) warnings: Vec<String>,
 }
 
-impl Order<'_> {
+impl Run {
+    /// The run of `variant` with `seed`, in a folder of its own in `out`. Creates nothing.
+    pub fn new(out: &Path, variant: Variant, seed: u64) -> Self {
+        let folder = RunFolder::new(out, &identity(&variant, seed));
+        Self { variant, seed, folder }
+    }
+
+    /// The run in a folder, its configuration changed by `overrides`.
+    ///
+    /// # Errors
+    /// The folder is not that of a run, or an override does not fit.
+    pub fn of_folder(folder: RunFolder, overrides: &[Override]) -> Result<Self> {
+        let path = folder.path();
+        let file = ExperimentFile::from_text(path.join("config.ron"), folder.config()?);
+        let mut variants = file.variants(overrides, None)?;
+        let (Some(mut variant), true) = (variants.pop(), variants.is_empty()) else {
+            bail!("{} is not the configuration of one run", file.path.display());
+        };
+        let absolute = path.canonicalize().with_context(|| format!("{} cannot be read", path.display()))?;
+        if let Some(parent) = absolute.parent().and_then(Path::file_name) {
+            variant.name = parent.to_string_lossy().into_owned();
+        }
+        let seed = *variant.experiment.seeds.first().ok_or_else(|| anyhow!("the run has no seed"))?;
+        Ok(Self { variant, seed, folder })
+    }
+
+    /// Its names and seed.
+    pub fn identity(&self) -> Identity {
+        identity(&self.variant, self.seed)
+    }
+
     /// How far the run is.
     ///
     /// # Errors
     /// A file of it cannot be read.
-    pub fn standing(&self) -> Result<Standing> {
+    pub fn standing(&self, registry: &Registry) -> Result<Standing> {
         if !self.folder.is_begun()? {
             return Ok(Standing::Missing);
         }
@@ -77,7 +105,9 @@ impl Order<'_> {
             return Ok(Standing::Foreign);
         }
         let config = self.folder.config()?;
-        if let Some(difference) = first_difference(&config, &self.provenance()?.config) {
+        if let Some(difference) =
+            first_difference(&config, &provenance(registry, &self.variant, self.seed)?.config)
+        {
             return Ok(Standing::Differs(difference));
         }
         Ok(match self.folder.summary()? {
@@ -86,97 +116,94 @@ impl Order<'_> {
         })
     }
 
-    /// Begins the run in a new folder, with what was `prepared` for it, or prepares it. With `overwrite`, what stood there is removed.
+    /// Begins the run in a new folder, with the `parts` that were [prepared](prepare) for it, or prepares them. With `overwrite`, what stood
+    /// there is removed.
     ///
     /// # Errors
     /// A plugin refuses, something is there, another process writes the run, or a file cannot be written. Then nothing is left of this launch.
-    pub fn begin(&self, prepared: Option<Prepared>, overwrite: bool) -> Result<Launch> {
-        let prepared = prepared.map_or_else(|| self.prepare(), Ok)?;
-        let provenance = self.provenance()?;
-        let plugins = self.plugins_json()?;
+    pub fn begin(&self, registry: &Registry, parts: Option<LoopParts>, overwrite: bool) -> Result<Launch> {
+        let parts = parts.map_or_else(|| prepare(registry, &self.variant, self.seed), Ok)?;
+        let provenance = provenance(registry, &self.variant, self.seed)?;
+        let plugins = self.plugins_json(registry)?;
         // No other process may write the run while it is removed.
         let replaced = LockedCheckpoints::of(self.folder.path())?;
         let new = self.folder.create(&provenance.config, &plugins, overwrite)?;
         drop(replaced);
-        let recorder =
-            self.first_recorder(provenance, &prepared).map_err(|error| new.discard_after(error))?;
-        Ok(self.launch(prepared, recorder, None, Some(new), Vec::new()))
+        let recorder = self.first_recorder(registry, provenance, &parts);
+        let recorder = recorder.map_err(|error| new.discard_after(error))?;
+        Ok(Launch { parts, recorder, state: None, new: Some(new), warnings: Vec::new() })
     }
 
-    fn first_recorder(&self, provenance: Provenance, prepared: &Prepared) -> Result<Recorder> {
+    fn first_recorder(
+        &self,
+        registry: &Registry,
+        provenance: Provenance,
+        parts: &LoopParts,
+    ) -> Result<Recorder> {
         // The lock comes first: until it is taken, another process may replace the folder.
-        let store = match prepared.settings.checkpoint_every {
+        let store = match parts.settings.checkpoint_every {
             Some(_) => Some(CheckpointStore::create(self.folder.path(), provenance)?),
             None => None,
         };
-        let recorder = self.recorder(None, prepared)?;
+        let recorder = self.recorder(registry, None, parts)?;
         Ok(match store {
             Some(store) => recorder.with_checkpoints(store, true),
             None => recorder,
         })
     }
 
-    pub(super) fn launch(
-        &self,
-        prepared: Prepared,
-        recorder: Recorder,
-        state: Option<LoopState>,
-        new: Option<NewFolder>,
-        warnings: Vec<String>,
-    ) -> Launch {
-        let name = format!("{} seed {}", self.identity.variant, self.identity.seed);
-        Launch { prepared, recorder, state, new, name, warnings }
-    }
-
-    pub(super) fn prepare(&self) -> Result<Prepared> {
-        Ok(prepare(self.registry, self.variant, self.identity.seed)?)
-    }
-
     /// The recorder of a run that begins, or of one that goes on from `state`.
-    pub(super) fn recorder(&self, state: Option<RecorderState>, prepared: &Prepared) -> Result<Recorder> {
+    pub(super) fn recorder(
+        &self,
+        registry: &Registry,
+        state: Option<RecorderState>,
+        parts: &LoopParts,
+    ) -> Result<Recorder> {
         let experiment = &self.variant.experiment;
         let rules = experiment.rules().map(|choice| choice.plugin.clone()).collect();
         let solved_at = experiment.evaluation.as_ref().map_or(1.0, |evaluation| evaluation.solved_at);
         let is_deterministic = experiment.shield.deadline_us.is_none()
-            && manifests(self.registry, experiment)?.iter().all(|manifest| manifest.deterministic);
-        let (folder, identity) = (self.folder.clone(), self.identity.clone());
+            && manifests(registry, experiment)?.iter().all(|manifest| manifest.deterministic);
+        let (folder, identity) = (self.folder.clone(), self.identity());
         let recorder = match state {
             None => Recorder::new(folder, identity, rules, solved_at)?,
             Some(state) => Recorder::reopen(folder, identity, rules, solved_at, state)?,
         };
-        let kinds = prepared.participants.world.reset_kinds();
+        let kinds = parts.world.reset_kinds();
         let accepted = AcceptedRisk::of(experiment);
         Ok(recorder.reset_kinds(kinds).accepted_risk(accepted).deterministic(is_deterministic))
     }
 
     /// Which plugin each field of the experiment is, with version and hash.
-    fn plugins_json(&self) -> Result<String> {
+    fn plugins_json(&self, registry: &Registry) -> Result<String> {
         let mut identities = IndexMap::new();
         for (path, kind, choice) in self.variant.experiment.plugins() {
-            identities.insert(path, self.registry.identify(&choice.selection(), kind)?);
+            identities.insert(path, registry.identify(&choice.selection(), kind)?);
         }
         Ok(serde_json::to_string_pretty(&identities)? + "\n")
     }
+}
 
-    /// What the run is made of.
-    ///
-    /// # Errors
-    /// A plugin is missing.
-    pub fn provenance(&self) -> Result<Provenance> {
-        let manifests = manifests(self.registry, &self.variant.experiment)?;
-        let fields_of = |id: &str| {
-            let fields = manifests.iter().find(|manifest| manifest.id == id).map(|manifest| &manifest.fields);
-            fields.into_iter().flatten().map(|field| (field.name.clone(), field.default.clone())).collect()
-        };
-        let version = |manifest: &Manifest| PluginVersion {
-            id: manifest.id.clone(),
-            version: manifest.version.clone(),
-        };
-        Ok(Provenance {
-            config: self.variant.resolved_ron(self.identity.seed, &fields_of),
-            plugins: manifests.iter().map(version).collect(),
-        })
-    }
+fn identity(variant: &Variant, seed: u64) -> Identity {
+    Identity { experiment: variant.experiment.name.clone(), variant: variant.name.clone(), seed }
+}
+
+/// What a run of `variant` with `seed` is made of.
+///
+/// # Errors
+/// A plugin is missing.
+pub fn provenance(registry: &Registry, variant: &Variant, seed: u64) -> Result<Provenance> {
+    let manifests = manifests(registry, &variant.experiment)?;
+    let fields_of = |id: &str| {
+        let fields = manifests.iter().find(|manifest| manifest.id == id).map(|manifest| &manifest.fields);
+        fields.into_iter().flatten().map(|field| (field.name.clone(), field.default.clone())).collect()
+    };
+    let version =
+        |manifest: &Manifest| PluginVersion { id: manifest.id.clone(), version: manifest.version.clone() };
+    Ok(Provenance {
+        config: variant.resolved_ron(seed, &fields_of),
+        plugins: manifests.iter().map(version).collect(),
+    })
 }
 
 impl Launch {
@@ -195,11 +222,11 @@ impl Launch {
     /// # Errors
     /// A plugin failed, or a file could not be written. The summary says so, where it can be written.
     pub fn run(self, progress: impl Observer, stop: &AtomicBool) -> Result<Summary> {
-        let Self { prepared, recorder, state, new, name, .. } = self;
-        let budget = prepared.settings.steps;
+        let Self { parts, recorder, state, new, .. } = self;
+        let budget = parts.settings.steps;
+        let name = recorder.identity().to_string();
         let mut observer = Fanout(recorder, progress);
-        let mut joint =
-            JointLoop::new(prepared.settings, prepared.participants, prepared.resets, &mut observer, stop);
+        let mut joint = JointLoop::new(parts, &mut observer, stop);
         if let Some(state) = &state {
             joint.go_on(state);
         }
@@ -226,12 +253,10 @@ impl Launch {
 
 /// A run as its last checkpoint has it, to look at or to try out. Nothing of it is written.
 pub struct Restored {
-    /// Its names and seed.
-    pub identity: Identity,
-    /// Its configuration.
-    pub variant: Variant,
+    /// Which run it is.
+    pub run: Run,
     /// The agents and rules have what they had learned; the worlds are new, the experience is empty.
-    pub prepared: Prepared,
+    pub parts: LoopParts,
     /// Everything else that was saved.
     pub state: LoopState,
 }
@@ -242,31 +267,11 @@ pub struct Restored {
 /// # Errors
 /// The folder is not that of a run, has no usable checkpoint, or a plugin cannot be loaded or refuses its state.
 pub fn restore(registry: &Registry, folder: &RunFolder, overrides: &[Override]) -> Result<Restored> {
-    let (identity, variant) = of_folder(folder, overrides)?;
+    let run = Run::of_folder(folder.clone(), overrides)?;
     let saved = last_checkpoint::<RecorderState>(folder.path())?;
-    let mut prepared = prepare(registry, &variant, identity.seed)?;
-    prepared.participants.restore_agents(&saved.state)?;
-    Ok(Restored { identity, variant, prepared, state: saved.state })
-}
-
-/// The names and the configuration of the run in a folder, changed by `overrides`.
-///
-/// # Errors
-/// The folder is not that of a run, or an override does not fit.
-pub fn of_folder(folder: &RunFolder, overrides: &[Override]) -> Result<(Identity, Variant)> {
-    let path = folder.path();
-    let file = ExperimentFile::from_text(path.join("config.ron"), folder.config()?);
-    let mut variants = file.variants(overrides, None)?;
-    let (Some(mut variant), true) = (variants.pop(), variants.is_empty()) else {
-        bail!("{} is not the configuration of one run", file.path.display());
-    };
-    let absolute = path.canonicalize().with_context(|| format!("{} cannot be read", path.display()))?;
-    let parent = absolute.parent().and_then(Path::file_name);
-    variant.name = parent.map_or_else(|| variant.name.clone(), |name| name.to_string_lossy().into_owned());
-    let seed = *variant.experiment.seeds.first().ok_or_else(|| anyhow!("the run has no seed"))?;
-    let identity =
-        Identity { experiment: variant.experiment.name.clone(), variant: variant.name.clone(), seed };
-    Ok((identity, variant))
+    let mut parts = prepare(registry, &run.variant, run.seed)?;
+    parts.restore_agents(&saved.state)?;
+    Ok(Restored { run, parts, state: saved.state })
 }
 
 /// The manifests of every plugin that the experiment names, from the file that it is loaded from.

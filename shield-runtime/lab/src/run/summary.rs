@@ -1,6 +1,6 @@
 //! `summary.json`: what a run came to, in one object. Keys are added, never renamed.
 
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, fmt};
 
 use serde::{Deserialize, Serialize};
 
@@ -19,6 +19,13 @@ pub struct Identity {
     pub variant: String,
     /// Seed.
     pub seed: u64,
+}
+
+/// What messages call the run.
+impl fmt::Display for Identity {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(formatter, "{} seed {}", self.variant, self.seed)
+    }
 }
 
 /// Something that kept the shield from helping.

@@ -12,10 +12,10 @@ use super::{
     course::{Course, EvaluationCourse},
     places::Places,
 };
-use shield_config::experiment::{Difference, Experiment, ExperimentFile, PluginChoice, differences};
+use shield_config::experiment::{Difference, Experiment, ExperimentFile, PluginChoice, Variant, differences};
 use shield_lab::{
-    checkpoint::PluginVersion,
-    run::{Order, RunFolder, Summary, of_folder, write_in_folder},
+    checkpoint::{PluginVersion, Provenance},
+    run::{Run, RunFolder, Summary, write_in_folder},
 };
 
 /// Raised with every change of what runs come to.
@@ -111,7 +111,7 @@ impl Record {
         dimensions: Option<[usize; 2]>,
     ) -> Result<()> {
         let path = folder.path();
-        let (identity, _) = of_folder(folder, &[])?;
+        let identity = Run::of_folder(folder.clone(), &[])?.identity();
         if self.variants.is_empty() {
             self.experiment.clone_from(&identity.experiment);
         } else if self.experiment != identity.experiment {
@@ -222,24 +222,29 @@ impl Record {
     }
 
     /// What a run came to, if it is kept here with the same configuration and the same versions of everything. What it would be now is
-    /// compared with what it was: a field that has come since with a default is no difference.
-    pub fn summary_of(&self, order: &Order<'_>) -> Option<&Summary> {
-        let variant = self.variants.iter().find(|variant| variant.name == order.identity.variant)?;
-        let run = variant.runs.iter().find(|run| run.seed == order.identity.seed)?;
+    /// compared with what it was: a field that has come since with a default is no difference. `provenance` says what a run
+    /// of a variant with the seed of `run` would be made of.
+    pub fn summary_of(
+        &self,
+        run: &Run,
+        provenance: impl Fn(&Variant) -> Result<Provenance>,
+    ) -> Option<&Summary> {
+        let variant = self.variants.iter().find(|variant| variant.name == run.variant.name)?;
+        let recorded = variant.runs.iter().find(|recorded| recorded.seed == run.seed)?;
         let file = ExperimentFile::from_text("the record", variant.config.as_str());
         let then = file.variants(&[], None).ok()?.into_iter().next()?;
-        if !names_no_other(&then.experiment, &order.variant.experiment) {
+        if !names_no_other(&then.experiment, &run.variant.experiment) {
             return None;
         }
         // With a plugin that is no longer there, it is not the same; the run itself says which.
-        let now = order.provenance().ok()?;
-        let then = Order { variant: &then, ..*order }.provenance().ok()?;
+        let now = provenance(&run.variant).ok()?;
+        let then = provenance(&then).ok()?;
         let is_same = but_for_seed(&then.config, &now.config).next().is_none();
         let version = |plugin: &PluginVersion| {
             let is_it = |kept: &PluginRecord| kept.id == plugin.id && kept.version == plugin.version;
             variant.plugins.values().any(is_it)
         };
-        (is_same && self.program == PROGRAM && now.plugins.iter().all(version)).then_some(&run.summary)
+        (is_same && self.program == PROGRAM && now.plugins.iter().all(version)).then_some(&recorded.summary)
     }
 }
 

@@ -140,6 +140,13 @@ impl Handle {
         check_length(what, slice, expected).map_err(|error| self.named(&error))
     }
 
+    /// Refuses an observation or an action of another length than that of the spaces.
+    #[inline]
+    pub(super) fn require_step(&self, spaces: &Spaces, observation: &[f32], action: &[f32]) -> Result<()> {
+        self.require_length("observation", observation, spaces.observation_len())?;
+        self.require_length("action", action, spaces.action_len())
+    }
+
     /// The same error, naming the plugin.
     #[cold]
     fn named(&self, error: &Error) -> Error {
@@ -292,3 +299,32 @@ macro_rules! checkpoint {
     };
 }
 pub(super) use checkpoint;
+
+/// The wrapper of a kind of which nothing is asked when an instance is made.
+macro_rules! wrapper {
+    ($(#[$doc:meta])* $wrapper:ident, $table:ty) => {
+        $(#[$doc])*
+        #[derive(Debug)]
+        pub struct $wrapper {
+            handle: Handle,
+            table: &'static $table,
+            spaces: shield_api::Spaces,
+        }
+
+        checkpoint!($wrapper);
+
+        impl $wrapper {
+            pub(in crate::plugin) fn create(
+                id: &str,
+                table: &'static $table,
+                config: &str,
+                setup: &shield_api::Setup,
+            ) -> std::result::Result<Self, crate::plugin::PluginError> {
+                let spaces = super::handle::spaces(id, setup)?;
+                let handle = Handle::create(id, &table.life, config, setup)?;
+                Ok(Self { handle, table, spaces })
+            }
+        }
+    };
+}
+pub(super) use wrapper;

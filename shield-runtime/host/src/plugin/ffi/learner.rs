@@ -53,8 +53,7 @@ impl LoadedLearner {
     }
 
     fn check_arguments(&self, observation: &[f32], action: &[f32], values: &[f32]) -> Result<()> {
-        self.handle.require_length("observation", observation, self.spaces.observation_len())?;
-        self.handle.require_length("action", action, self.spaces.action_len())?;
+        self.handle.require_step(&self.spaces, observation, action)?;
         self.handle.require_length("values", values, self.info.members)
     }
 }
@@ -65,8 +64,7 @@ impl Learner for LoadedLearner {
     }
 
     fn act(&mut self, observation: &[f32], mode: ActMode, action: &mut [f32]) -> Result<()> {
-        self.handle.require_length("observation", observation, self.spaces.observation_len())?;
-        self.handle.require_length("action", action, self.spaces.action_len())?;
+        self.handle.require_step(&self.spaces, observation, action)?;
         let mode = match mode {
             ActMode::Explore => act_mode::EXPLORE,
             ActMode::Greedy => act_mode::GREEDY,

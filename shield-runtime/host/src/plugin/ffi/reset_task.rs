@@ -1,34 +1,15 @@
 //! A loaded reset task.
 
 use shield_api::{
-    ResetSignal, ResetTask, Result, Setup, Spaces,
+    ResetSignal, ResetTask, Result,
     abi::{Floats, ResetSignalView, ResetTaskTable},
 };
 
-use super::handle::{Handle, checkpoint, spaces};
-use crate::plugin::PluginError;
+use super::handle::{Handle, checkpoint, wrapper};
 
-/// A reset task behind the binary interface.
-#[derive(Debug)]
-pub struct LoadedResetTask {
-    handle: Handle,
-    table: &'static ResetTaskTable,
-    spaces: Spaces,
-}
-
-checkpoint!(LoadedResetTask);
-
-impl LoadedResetTask {
-    pub(in crate::plugin) fn create(
-        id: &str,
-        table: &'static ResetTaskTable,
-        config: &str,
-        setup: &Setup,
-    ) -> Result<Self, PluginError> {
-        let spaces = spaces(id, setup)?;
-        let handle = Handle::create(id, &table.life, config, setup)?;
-        Ok(Self { handle, table, spaces })
-    }
+wrapper! {
+    /// A reset task behind the binary interface.
+    LoadedResetTask, ResetTaskTable
 }
 
 impl ResetTask for LoadedResetTask {
@@ -38,8 +19,7 @@ impl ResetTask for LoadedResetTask {
         action: &[f32],
         next_observation: &[f32],
     ) -> Result<ResetSignal> {
-        self.handle.require_length("observation", observation, self.spaces.observation_len())?;
-        self.handle.require_length("action", action, self.spaces.action_len())?;
+        self.handle.require_step(&self.spaces, observation, action)?;
         self.handle.require_length("next_observation", next_observation, self.spaces.observation_len())?;
         let mut view = ResetSignalView { reward: f32::NAN, in_reset_set: 0 };
         // SAFETY: the instance is of this table; the slices are as long as said and live for the call.

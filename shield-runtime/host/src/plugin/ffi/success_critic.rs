@@ -52,8 +52,7 @@ impl LoadedSuccessCritic {
     }
 
     fn check_arguments(&self, observation: &[f32], action: &[f32], probabilities: &[f32]) -> Result<()> {
-        self.handle.require_length("observation", observation, self.spaces.observation_len())?;
-        self.handle.require_length("action", action, self.spaces.action_len())?;
+        self.handle.require_step(&self.spaces, observation, action)?;
         self.handle.require_length("probabilities", probabilities, self.info.members)
     }
 
