@@ -146,8 +146,9 @@ impl Workshop<'_> {
         };
         parts.build(spaces, reset, success.map(Critic::info)).map_err(|error| match error.field() {
             Some("success_critic") => {
-                let example = "for example `success_critic: Some(plugin: \"success-critic\")`";
-                self.source.error_at("shield", None, format!("{}, {example}", error.message()))
+                let message = "a rule needs undo probabilities: name what estimates them, for example \
+                               `success_critic: Some(plugin: \"success-critic\")`";
+                self.source.error_at("shield", None, message)
             }
             _ => self.refused("shield", &error),
         })

@@ -48,7 +48,7 @@ impl LadderParts {
         match success {
             Some(critic) => ladder = ladder.with_success_critic(critic),
             None if ladder.needs().undo_probabilities() => {
-                let message = "a rule needs undo probabilities: name what estimates them";
+                let message = "a rule needs undo probabilities: name a success critic";
                 return Err(Error::invalid_config(message).in_field("success_critic"));
             }
             None => {}
