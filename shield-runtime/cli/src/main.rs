@@ -13,7 +13,7 @@ mod render;
 mod report;
 mod resume;
 mod run;
-mod session;
+mod runs;
 mod table;
 mod what_if;
 

@@ -9,7 +9,7 @@ use shield_lab::run::Run;
 use super::{
     Failure,
     eval::runs_in,
-    session::{Earlier, make_all},
+    runs::{Earlier, make_all},
 };
 
 /// Arguments of `shield resume`.

@@ -10,7 +10,7 @@ use shield_report::report::Record;
 
 use super::{
     Failure, output,
-    session::{Earlier, make_all},
+    runs::{Earlier, make_all},
 };
 
 /// Arguments of `shield run`.
