@@ -7,7 +7,7 @@ use std::process::Command;
 use anyhow::{Context, bail};
 
 /// Names the folder of MuJoCo's library; `.cargo/config.toml` gives it a default.
-const MUJOCO_FOLDER: &str = "MUJOCO_DYNAMIC_LINK_DIR";
+pub const MUJOCO_FOLDER: &str = "MUJOCO_DYNAMIC_LINK_DIR";
 
 /// The folder with the workspace's `Cargo.toml`.
 pub fn workspace_root() -> &'static Path {

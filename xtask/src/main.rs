@@ -1,5 +1,6 @@
 //! Set-up and chores, as `cargo xtask …`; `cargo shield …` is short for `cargo xtask shield …`.
 
+mod against;
 mod cargo;
 mod dist;
 mod native;
@@ -43,6 +44,7 @@ const EXAMPLES: &str = "Examples:
   cargo xtask test --long                     a million projections, 200 kills
   cargo xtask bench --bench decision          one benchmark
   cargo xtask bench --peers                   our learner against torch and Stable-Baselines3
+  cargo xtask bench --against main            here against another commit, in one run
   cargo xtask reproduce gridworld-qmin        one of the paper's experiments
   cargo xtask reproduce untouched             the shield as it is, in seven environments";
 
@@ -124,6 +126,11 @@ enum Chore {
         /// target/bench-peers.json; takes some five minutes on a machine that does nothing else.
         #[arg(long, conflicts_with_all = ["pattern", "arguments"])]
         peers: bool,
+        /// Only the comparison with another commit: the calls of plugins, and the steps and decisions of two short runs
+        ///
+        /// Builds the commit in target/against, once (as long as a first build takes), measures both in turn in one run, and prints the ratios.
+        #[arg(long, value_name = "COMMIT", conflicts_with_all = ["pattern", "arguments", "peers"])]
+        against: Option<String>,
         /// Arguments for criterion, behind `--`
         #[arg(last = true)]
         arguments: Vec<String>,
@@ -180,7 +187,8 @@ fn run(chore: Chore) -> anyhow::Result<ExitCode> {
             return reproduce::reproduce(root, &program()?, &arguments);
         }
         Chore::Bench { peers: true, .. } => peers::bench(root)?,
-        Chore::Bench { pattern, arguments, peers: false } => {
+        Chore::Bench { against: Some(commit), .. } => against::bench(root, &mujoco, &commit)?,
+        Chore::Bench { pattern, arguments, .. } => {
             let bench = ["bench", "--workspace", "--bench", &pattern, "--"];
             cargo::run(cargo::command(root).args(bench).args(arguments))?;
         }
@@ -189,13 +197,17 @@ fn run(chore: Chore) -> anyhow::Result<ExitCode> {
 }
 
 fn build(root: &Path, optimised: bool) -> anyhow::Result<()> {
+    cargo::run(&mut build_command(root, optimised))
+}
+
+fn build_command(root: &Path, optimised: bool) -> Command {
     let mut command = cargo::command(root);
     command.args(["build", "--workspace"]);
     command.args(dist::LEFT_OUT.map(|name| ["--exclude", name]).as_flattened());
     if optimised {
         command.arg("--release");
     }
-    cargo::run(&mut command)
+    command
 }
 
 fn make_archive(root: &Path, mujoco: &Path, optimised: bool) -> anyhow::Result<()> {
@@ -206,8 +218,11 @@ fn make_archive(root: &Path, mujoco: &Path, optimised: bool) -> anyhow::Result<(
 
 /// The `shield` program as [`build`] leaves it.
 fn program() -> anyhow::Result<PathBuf> {
-    let name = format!("shield{}", std::env::consts::EXE_SUFFIX);
-    Ok(cargo::target_folder()?.join("release").join(name))
+    Ok(cargo::target_folder()?.join("release").join(program_name()))
+}
+
+fn program_name() -> String {
+    format!("shield{}", std::env::consts::EXE_SUFFIX)
 }
 
 /// Whether the arguments begin with `--with torch`, and those behind it.
