@@ -35,7 +35,7 @@ fn walk(settings: CycleSettings) -> Walk {
 }
 
 fn short() -> CycleSettings {
-    CycleSettings { attempt_length: 4, ..CycleSettings::default() }
+    CycleSettings { attempt_length: AttemptLength::Steps(4), ..CycleSettings::default() }
 }
 
 impl Walk {

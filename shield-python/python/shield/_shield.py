@@ -137,7 +137,9 @@ class Shield:
       has a schedule, what it grows to. The usual configuration has no such rule.
     - `warm_up_steps`: in the first so many steps (1,000) a rule that needs the reset agent's values is not asked. The usual rule has no warm-up.
     - `reset_attempts`: failures in a row (1) after which the reset agent gives up; "Unlimited" is never.
-    - `episode_length`: steps (500) after which an episode of the reset agent has failed.
+    - `attempt_length`: steps after which an attempt of the reset agent has failed. "Adaptive", the usual: three times as many as recent successes took (at first 200, or
+      as many as there are to be undone), half as many more after each time-out, at most `episode_length`; "Episode": `episode_length`.
+    - `episode_length`: the most steps (500) of an attempt, unless `attempt_length` is a number.
     - `updates_per_step`: how often the reset agent learns after each step; 0 is never.
     - `seed`: of the shield's random numbers (0).
     - `threads`: how many the shield may use (1); what it decides does not depend on it.

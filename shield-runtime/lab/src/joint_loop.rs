@@ -58,7 +58,7 @@ impl<'a> JointLoop<'a> {
         let lengths = [spec.spaces.observation_len(), spec.spaces.action_len()];
         let mut cycle = settings.cycle.clone();
         cycle.forward_length = Some(spec.episode_length as u64);
-        cycle.attempt_length = spec.episode_length as u64;
+        cycle.episode_length = spec.episode_length as u64;
         Self {
             settings,
             cycle: ResetCycle::new(cycle, agents, lengths),

@@ -76,7 +76,7 @@ impl Course {
         };
         let settings = CycleSettings {
             forward_length: Some(25),
-            attempt_length: 15,
+            attempt_length: AttemptLength::Steps(15),
             on_abort: OnAbort::Penalise(1.0),
             shield_exploration: true,
             ..CycleSettings::default()

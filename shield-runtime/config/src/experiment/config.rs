@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use super::ron_text::RonText;
 pub use shield_core::settings::{
-    BetweenAttempts, Endings, EvaluatedAgent, Mode, OnAbort, OnResetFailure, OnResetSuccess,
+    AttemptLength, BetweenAttempts, Endings, EvaluatedAgent, Mode, OnAbort, OnResetFailure, OnResetSuccess,
     ProjectionConfig, QpConfig, RecordConfig, ResetTest, Updates,
 };
 use shield_host::plugin::Kind;

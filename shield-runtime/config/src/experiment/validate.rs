@@ -5,9 +5,9 @@ use std::{collections::HashSet, time::Duration};
 use indexmap::IndexMap;
 
 use super::config::{
-    DropInConfig, EvaluatedAgent, EvaluationConfig, ExperienceConfig, Experiment, Forward, Mode, OnAbort,
-    PluginChoice, ProjectionConfig, QpConfig, ResetAttempts, RuleConfig, ShieldConfig, SpaceConfig,
-    WorkerConfig,
+    AttemptLength, DropInConfig, EvaluatedAgent, EvaluationConfig, ExperienceConfig, Experiment, Forward,
+    Mode, OnAbort, PluginChoice, ProjectionConfig, QpConfig, ResetAttempts, RuleConfig, ShieldConfig,
+    SpaceConfig, WorkerConfig,
 };
 use shield_host::plugin::Kind;
 
@@ -138,6 +138,11 @@ fn shield(settings: &ShieldConfig) -> Checked {
         settings.reset_attempts != ResetAttempts::After(0),
         "shield.reset_attempts",
         "a hard reset can follow 1 failed attempt or more, not 0; `Unlimited` means never",
+    )?;
+    ensure(
+        settings.attempt_length != AttemptLength::Steps(0),
+        "shield.attempt_length",
+        "an attempt needs at least one step",
     )?;
     for (index, value) in settings.fallback_action.iter().flatten().enumerate() {
         let path = format!("shield.fallback_action[{index}]");

@@ -63,7 +63,7 @@ impl DropInFile {
             memory: learns.then_some(memory),
         };
         let settings = CycleSettings {
-            attempt_length: config.episode_length,
+            episode_length: config.episode_length,
             explores: learns,
             stores_forward: false,
             hard_reset_cost: config.hard_reset_cost,

@@ -12,7 +12,7 @@ use crate::{
     critic::Critic,
     cycle::{CycleParts, CycleSettings, Memory, ResetCycle},
     experience::{AgentRole, Experience},
-    settings::{Endings, ProjectionConfig, Updates},
+    settings::{AttemptLength, Endings, ProjectionConfig, Updates},
     shield::{Ladder, LadderSettings, RuleTree, nearest_to_zero},
 };
 
@@ -142,7 +142,15 @@ impl DropInBuilder {
     /// Steps after which an attempt that has not seen the reset set has failed. Default: 500.
     #[must_use]
     pub fn attempt_length(mut self, steps: u64) -> Self {
-        self.settings.attempt_length = steps;
+        (self.settings.episode_length, self.settings.attempt_length) = (steps, AttemptLength::Episode);
+        self
+    }
+
+    /// As [`attempt_length`](Self::attempt_length), but an attempt has failed sooner where others succeeded in fewer steps
+    /// ([`AttemptLength::Adaptive`]).
+    #[must_use]
+    pub fn attempt_length_at_most(mut self, steps: u64) -> Self {
+        (self.settings.episode_length, self.settings.attempt_length) = (steps, AttemptLength::Adaptive);
         self
     }
 
@@ -169,7 +177,7 @@ impl DropInBuilder {
         if self.rules.is_empty() {
             return Err(Error::invalid_config("a shield without any rule would never abort"));
         }
-        if settings.reset_attempts == Some(0) || settings.attempt_length == 0 {
+        if settings.reset_attempts == Some(0) || settings.episode_length == 0 {
             return Err(Error::invalid_config(
                 "there is at least one attempt to reset, of at least one step",
             ));
