@@ -17,7 +17,7 @@ use shield_runtime::{
     cycle::{CycleParts, CycleSettings, HardResetDue, Memory, ResetCycle},
     events::{EpisodeEnd, EpisodeEvent},
     experience::{AgentRole, AttemptBuffers},
-    settings::{BetweenAttempts, OnAbort, ResetTest},
+    settings::{AttemptLength, BetweenAttempts, OnAbort, ResetTest},
     shield::{Ladder, LadderSettings},
 };
 

@@ -24,6 +24,7 @@ class Settings(TypedDict, total=False):
     reset_attempts: int | str | None
     attempt_length: int | str | None
     episode_length: int | None
+    calibration_resets: int | None
     updates_per_step: int | None
     seed: int | None
     threads: int | None
@@ -36,6 +37,7 @@ PATHS = {
     "reset_attempts": "shield.reset_attempts",
     "attempt_length": "shield.attempt_length",
     "episode_length": "episode_length",
+    "calibration_resets": "calibration_resets",
     "updates_per_step": "experience.updates_per_step",
     "seed": "seed",
     "threads": "threads",

@@ -85,6 +85,8 @@ use crate::{
 pub struct DropIn {
     cycle: ResetCycle,
     task: Option<Box<dyn ResetTask>>,
+    /// Starts that the task is still to be shown before the first step.
+    calibration_resets: u32,
     metrics: EpisodeMetrics,
     observation: Vec<f32>,
 }
@@ -105,7 +107,18 @@ impl DropIn {
             return Err(Error::invalid_argument("a shield needs rules and a reset agent"));
         };
         let observation = vec![0.0; ladder.spaces().observation_len()];
-        Ok(Self { cycle, task, metrics: EpisodeMetrics::default(), observation })
+        Ok(Self { cycle, task, calibration_resets: 0, metrics: EpisodeMetrics::default(), observation })
+    }
+
+    /// Asks whoever resets the environment to show the reset task so many further starts before the first step.
+    ///
+    /// # Errors
+    /// There is no reset task.
+    pub fn with_calibration_resets(self, calibration_resets: u32) -> Result<Self> {
+        if calibration_resets > 0 && self.task.is_none() {
+            return Err(Error::invalid_argument("there is no reset task that calibration resets would teach"));
+        }
+        Ok(Self { calibration_resets, ..self })
     }
 
     /// Everything is at its start, where `observation` is seen: before the first step, and after each hard reset.
@@ -144,8 +157,9 @@ impl DropIn {
     /// The observation is invalid, or the reset task failed.
     pub fn observe_start(&mut self, observation: &[f32]) -> Result<()> {
         check_finite("the observation after a reset", observation, self.observation.len())?;
-        let Some(task) = &mut self.task else { return Ok(()) };
-        self.cycle.metrics().collect(|| task.observe_start(observation))
+        self.calibration_resets = self.calibration_resets.saturating_sub(1);
+        // What the task says of this start is not said of the first one.
+        self.task.as_mut().map_or(Ok(()), |task| task.observe_start(observation))
     }
 
     /// Decides on `action`, which afterwards holds what may be executed: the proposed action, a projected one, or the reset agent's. The
@@ -323,6 +337,12 @@ impl DropIn {
     /// Why nothing may move before a hard reset, if that is so.
     pub fn hard_reset_due(&self) -> Option<HardResetDue> {
         self.cycle.hard_reset_due()
+    }
+
+    /// How many more starts are to be shown to the reset task, by [`observe_start`](Self::observe_start), before the first step. The environment
+    /// must be reset for each; where that costs a person's time, none need be.
+    pub fn calibration_resets(&self) -> u32 {
+        if self.is_placed() { 0 } else { self.calibration_resets }
     }
 
     /// Whether a start was ever observed.

@@ -21,7 +21,6 @@ use shield_core::{
     diagnosis::Found,
     events::{Counters, EpisodeEnd, EpisodeEvent, HardReset},
     experience::AgentRole,
-    settings::Mode,
     world::{Stepped, World},
 };
 
@@ -101,7 +100,10 @@ impl<'a> JointLoop<'a> {
 
     fn take_turns(&mut self) -> anyhow::Result<bool> {
         match self.start {
-            Start::New => self.place()?,
+            Start::New => {
+                self.calibrate()?;
+                self.place()?;
+            }
             Start::HardReset => self.lose_the_world()?,
             Start::Within => {}
             Start::Finished => return Ok(false),
@@ -190,13 +192,21 @@ impl<'a> JointLoop<'a> {
         if due.is_some() { self.place() } else { Ok(()) }
     }
 
+    /// Shows the reset task some starts, and those of the evaluation the same. Nothing is counted.
+    fn calibrate(&mut self) -> anyhow::Result<()> {
+        for _ in 0..self.settings.calibration_resets {
+            let seed = self.resets.next_u64();
+            self.world.hard_reset(self.settings.start(), seed)?;
+            self.evaluator.as_mut().map_or(Ok(()), |evaluator| evaluator.show_start(seed))?;
+        }
+        // What the task says of these starts is not said of the first one.
+        self.cycle.metrics().drain(&mut |_, _| {});
+        Ok(())
+    }
+
     /// A hard reset, to the start that the mode names.
     fn place(&mut self) -> anyhow::Result<()> {
-        let start = match &self.settings.cycle.mode {
-            Mode::ResetOnly { start } => start.as_deref(),
-            Mode::Shielded | Mode::StatusQuo | Mode::ForwardOnly => None,
-        };
-        self.world.hard_reset(start, self.resets.next_u64())?;
+        self.world.hard_reset(self.settings.start(), self.resets.next_u64())?;
         self.cycle.placed();
         Ok(())
     }

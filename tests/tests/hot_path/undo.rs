@@ -9,7 +9,7 @@ use shield_runtime::{
     decision::Decision,
     events::EpisodeEnd,
     experience::{AgentRole, Experience, UndoSettings},
-    experiment::{OnAbort, ProjectionConfig, QpConfig},
+    experiment::{AttemptLength, OnAbort, ProjectionConfig, QpConfig},
     plugin::{Registry, SearchPath, Selection, host},
     shield::{Ladder, LadderSettings},
     world::{Stepped, World},

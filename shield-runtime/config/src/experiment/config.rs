@@ -52,6 +52,9 @@ pub struct Experiment {
     /// Replaces the environment's own reset reward and reset set.
     #[serde(default)]
     pub reset_task: Option<PluginChoice>,
+    /// So many further starts are shown to the reset task before the first step. They are hard resets that nobody counts.
+    #[serde(default)]
+    pub calibration_resets: u32,
     /// The transitions that both agents share, and what they learn from them.
     #[serde(default)]
     pub experience: ExperienceConfig,

@@ -47,6 +47,7 @@ pub(super) fn validate(experiment: &Experiment) -> Checked {
     plugins(experiment)?;
     pins(&experiment.pins)?;
     mode(experiment)?;
+    calibration(experiment.calibration_resets, experiment.reset_task.as_ref())?;
     shield(&experiment.shield)?;
     learning(experiment)?;
     experience(&experiment.experience)?;
@@ -131,6 +132,14 @@ fn mode(experiment: &Experiment) -> Checked {
         }
         Mode::StatusQuo | Mode::ForwardOnly => Ok(()),
     }
+}
+
+fn calibration(resets: u32, reset_task: Option<&PluginChoice>) -> Checked {
+    ensure(
+        resets == 0 || reset_task.is_some(),
+        "calibration_resets",
+        "there is no reset task that would learn from them: leave it out, or name one, for example `reset_task: Some(plugin: \"calibrated-start\")`",
+    )
 }
 
 fn shield(settings: &ShieldConfig) -> Checked {
@@ -263,6 +272,7 @@ pub(super) fn validate_drop_in(config: &DropInConfig) -> Checked {
         "hard_reset_cost",
         format!("the cost of a hard reset is {cost}; it must be finite and not negative"),
     )?;
+    calibration(config.calibration_resets, config.reset_task.as_ref())?;
     let settings = &config.shield;
     ensure(!settings.rules.is_empty(), "shield.rules", "a shield without any rule would never abort")?;
     shield(settings)?;

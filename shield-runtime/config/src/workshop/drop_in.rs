@@ -71,6 +71,7 @@ impl DropInFile {
         };
         let lengths = [spaces.observation_len(), spaces.action_len()];
         DropIn::new(ResetCycle::new(settings, parts, lengths), task)
+            .and_then(|drop_in| drop_in.with_calibration_resets(config.calibration_resets))
             .map_err(|error| workshop.refused("shield", &error))
     }
 }

@@ -48,6 +48,7 @@ pub struct DropInBuilder {
     reset_agent: Box<dyn Learner>,
     success_critic: Option<Box<dyn SuccessCritic>>,
     reset_task: Option<Box<dyn ResetTask>>,
+    calibration_resets: u32,
     rules: Vec<RuleTree>,
     projection: Option<ProjectionConfig>,
     deadline: Option<Duration>,
@@ -64,6 +65,7 @@ impl DropInBuilder {
             reset_agent,
             success_critic: None,
             reset_task: None,
+            calibration_resets: 0,
             rules: Vec::new(),
             projection: None,
             deadline: None,
@@ -129,6 +131,13 @@ impl DropInBuilder {
     #[must_use]
     pub fn warm_up_steps(mut self, steps: u64) -> Self {
         self.warm_up_steps = steps;
+        self
+    }
+
+    /// Further starts that the reset task is to be shown before the first step ([`DropIn::calibration_resets`]). Default: 0.
+    #[must_use]
+    pub fn calibration_resets(mut self, number: u32) -> Self {
+        self.calibration_resets = number;
         self
     }
 
@@ -219,6 +228,7 @@ impl DropInBuilder {
         let sampler = Pcg64::seed_from_u64(seed.wrapping_add(2));
         let success = self.success_critic.map(|critic| Critic::new(critic, batch, &spaces, sampler));
         let parts = CycleParts { forward: None, reset: Some(reset), success, ladder: Some(ladder), memory };
-        DropIn::new(ResetCycle::new(settings, parts, lengths), self.reset_task)
+        DropIn::new(ResetCycle::new(settings, parts, lengths), self.reset_task)?
+            .with_calibration_resets(self.calibration_resets)
     }
 }
