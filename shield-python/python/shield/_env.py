@@ -38,8 +38,8 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     - `is_irreversible(observation)` says, as a bool, whether there is no way back from there. It changes nothing; entries into such states are counted, in the
       steps of both agents.
 
-    The other arguments are those of `Shield`, where each is explained; `episode_length` is the time limit of the environment if it has one and there is no
-    `config`.
+    The other arguments are those of `Shield`, where each is explained. Two of them have other defaults here if there is no `config`: `episode_length` is the time
+    limit of the environment if it has one, and `calibration_resets` is 20 for the environments that Gymnasium brings itself, which are simulators.
     """
 
     def __init__(
@@ -62,6 +62,9 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         gymnasium.Wrapper.__init__(self, env)
         if settings.get("episode_length") is None and config is None and self._limit is not None:
             settings["episode_length"] = self._limit
+        is_free = config is None and settings["reset_reward"] is None and settings["in_reset_set"] is None
+        if settings.get("calibration_resets") is None and is_free and is_simulated(env):
+            settings["calibration_resets"] = SIMULATED_STARTS
         self.abort_reward = float(abort_reward)
         #: The shield itself.
         self.shield = Shield(env.observation_space, env.action_space, **settings)
@@ -208,6 +211,16 @@ def explained(decision: Decision, executed: Any) -> dict[str, Any]:
         "cause": decision.cause,
         "reason": decision.reason,
     }
+
+
+#: Starts that the reset task is shown where they cost nothing: with 19 and the first it can tell how far they scatter.
+SIMULATED_STARTS = 20
+
+
+def is_simulated(env: gymnasium.Env[Any, Any]) -> bool:
+    """Whether the environment is one that Gymnasium brings itself. They are all simulators, in which a reset costs nobody's time."""
+    entry = env.spec.entry_point if env.spec is not None else None
+    return isinstance(entry, str) and entry.startswith("gymnasium.envs.")
 
 
 class _Still(gymnasium.Env[Any, Any]):

@@ -116,7 +116,9 @@ impl DropIn {
     /// There is no reset task.
     pub fn with_calibration_resets(self, calibration_resets: u32) -> Result<Self> {
         if calibration_resets > 0 && self.task.is_none() {
-            return Err(Error::invalid_argument("there is no reset task that calibration resets would teach"));
+            return Err(Error::invalid_argument(
+                "there is no reset task that calibration resets would teach",
+            ));
         }
         Ok(Self { calibration_resets, ..self })
     }
