@@ -397,7 +397,7 @@ def test_calibration_resets_are_shown_to_the_reset_task_and_not_counted():
     env = shield.ShieldedEnv(counted, calibration_resets=20)
     env.reset(seed=0)
     assert (counted.resets, env.metrics()["hard_resets"]) == (21, 0)
-    with pytest.raises(shield.ConfigError, match="calibration_resets=3: there is no reset task"):
+    with pytest.raises(shield.ConfigError, match="calibration_resets=3: .*there is no reset task"):
         shielded(calibration_resets=3)
 
 
@@ -416,7 +416,7 @@ def test_an_attempt_lasts_as_long_as_it_is_said_to():
         env.reset(seed=0)
         env.step(act(0.1))
         assert env.reset()[1]["shield"] == {"hard_reset": True, "steps": steps}, length
-    with pytest.raises(shield.ConfigError, match="attempt_length=0: an attempt needs at least one step"):
+    with pytest.raises(shield.ConfigError, match="attempt_length=0: .*an attempt needs at least one step"):
         shielded(attempt_length=0)
 
 

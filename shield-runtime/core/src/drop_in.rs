@@ -4,6 +4,7 @@
 //! environment that can be stepped, [`Shielded`](crate::shielded::Shielded) is the loop around this.
 
 mod builder;
+mod calibration;
 mod metrics;
 mod state;
 
@@ -110,19 +111,6 @@ impl DropIn {
         Ok(Self { cycle, task, calibration_resets: 0, metrics: EpisodeMetrics::default(), observation })
     }
 
-    /// Asks whoever resets the environment to show the reset task so many further starts before the first step.
-    ///
-    /// # Errors
-    /// There is no reset task.
-    pub fn with_calibration_resets(self, calibration_resets: u32) -> Result<Self> {
-        if calibration_resets > 0 && self.task.is_none() {
-            return Err(Error::invalid_argument(
-                "there is no reset task that calibration resets would teach",
-            ));
-        }
-        Ok(Self { calibration_resets, ..self })
-    }
-
     /// Everything is at its start, where `observation` is seen: before the first step, and after each hard reset.
     ///
     /// # Errors
@@ -150,18 +138,6 @@ impl DropIn {
             self.cycle.note_start(is_inside);
         }
         self.metrics.episode_is_over(self.cycle.counters(), None)
-    }
-
-    /// Shows the reset task one more start, from which nothing follows: nothing is counted, and where the environment stands stays as it was.
-    /// A simulator may be reset a few times at the beginning, so that the task knows how far the starts scatter.
-    ///
-    /// # Errors
-    /// The observation is invalid, or the reset task failed.
-    pub fn observe_start(&mut self, observation: &[f32]) -> Result<()> {
-        check_finite("the observation after a reset", observation, self.observation.len())?;
-        self.calibration_resets = self.calibration_resets.saturating_sub(1);
-        // What the task says of this start is not said of the first one.
-        self.task.as_mut().map_or(Ok(()), |task| task.observe_start(observation))
     }
 
     /// Decides on `action`, which afterwards holds what may be executed: the proposed action, a projected one, or the reset agent's. The
@@ -339,12 +315,6 @@ impl DropIn {
     /// Why nothing may move before a hard reset, if that is so.
     pub fn hard_reset_due(&self) -> Option<HardResetDue> {
         self.cycle.hard_reset_due()
-    }
-
-    /// How many more starts are to be shown to the reset task, by [`observe_start`](Self::observe_start), before the first step. The environment
-    /// must be reset for each; where that costs a person's time, none need be.
-    pub fn calibration_resets(&self) -> u32 {
-        if self.is_placed() { 0 } else { self.calibration_resets }
     }
 
     /// Whether a start was ever observed.
