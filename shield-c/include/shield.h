@@ -127,6 +127,21 @@ int32_t shield_needs_hard_reset(Shield *shield);
 // As for `shield_filter`.
 int32_t shield_hard_reset_done(Shield *shield, const float *observation, size_t observation_len);
 
+// How many more starts are to be shown to the reset task, by `shield_observe_start`, before the first step: `calibration_resets` of the file.
+//
+// # Safety
+// `shield` is from `shield_open`.
+uint32_t shield_calibration_resets(const Shield *shield);
+
+// The environment was reset once more before the first step, and `observation` is seen: the reset task learns how far starts scatter. Nothing
+// else follows, and nothing is counted.
+//
+// # Safety
+// As for `shield_filter`.
+int32_t shield_observe_start(Shield *shield,
+                             const float *observation,
+                             size_t observation_len);
+
 // Mean of the reset ensemble's values of the action that was proposed last; NaN if no rule needed them.
 //
 // # Safety

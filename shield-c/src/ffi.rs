@@ -214,6 +214,31 @@ pub unsafe extern "C" fn shield_hard_reset_done(
     unsafe { see(shield, observation, observation_len, DropIn::hard_reset_done) }
 }
 
+/// How many more starts are to be shown to the reset task, by `shield_observe_start`, before the first step: `calibration_resets` of the file.
+///
+/// # Safety
+/// `shield` is from `shield_open`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn shield_calibration_resets(shield: *const Shield) -> u32 {
+    // SAFETY: the caller's promise.
+    unsafe { shield.as_ref() }.map_or(0, |shield| shield.drop_in.calibration_resets())
+}
+
+/// The environment was reset once more before the first step, and `observation` is seen: the reset task learns how far starts scatter. Nothing
+/// else follows, and nothing is counted.
+///
+/// # Safety
+/// As for `shield_filter`.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn shield_observe_start(
+    shield: *mut Shield,
+    observation: *const f32,
+    observation_len: usize,
+) -> i32 {
+    // SAFETY: the caller's promise.
+    unsafe { see(shield, observation, observation_len, DropIn::observe_start) }
+}
+
 /// Mean of the reset ensemble's values of the action that was proposed last; NaN if no rule needed them.
 ///
 /// # Safety

@@ -279,6 +279,12 @@ impl Core {
         self.look(py, DropIn::episode_length)
     }
 
+    /// Starts that `observe_start` is still to be told before the first step.
+    #[getter]
+    fn calibration_resets(&self, py: Python<'_>) -> PyResult<u32> {
+        self.look(py, DropIn::calibration_resets)
+    }
+
     #[getter]
     fn is_placed(&self, py: Python<'_>) -> PyResult<bool> {
         self.look(py, DropIn::is_placed)

@@ -397,8 +397,27 @@ def test_calibration_resets_are_shown_to_the_reset_task_and_not_counted():
     env = shield.ShieldedEnv(counted, calibration_resets=20)
     env.reset(seed=0)
     assert (counted.resets, env.metrics()["hard_resets"]) == (21, 0)
-    with pytest.raises(shield.ConfigError, match="calibration_resets=3: there is no reset task"):
+    with pytest.raises(shield.ConfigError, match="calibration_resets=3: .*there is no reset task"):
         shielded(calibration_resets=3)
+
+
+def test_only_simulators_of_gymnasium_are_reset_for_calibration_without_being_asked():
+    pendulum = gymnasium.make("Pendulum-v1")
+    assert shield.ShieldedEnv(pendulum).shield.calibration_resets == 20
+    assert shield.ShieldedEnv(pendulum, calibration_resets=0).shield.calibration_resets == 0
+    assert shield.ShieldedEnv(pendulum, in_reset_set=lambda _: False).shield.calibration_resets == 0
+    assert shield.ShieldedEnv(table()).shield.calibration_resets == 0
+
+
+def test_an_attempt_lasts_as_long_as_it_is_said_to():
+    lost = {"in_reset_set": lambda _: False, "overrides": {}, "episode_length": 300}
+    for length, steps in ((None, 200), ("Episode", 300), (7, 7), (400, 400)):
+        env = shielded(**lost, attempt_length=length)
+        env.reset(seed=0)
+        env.step(act(0.1))
+        assert env.reset()[1]["shield"] == {"hard_reset": True, "steps": steps}, length
+    with pytest.raises(shield.ConfigError, match="attempt_length=0: .*an attempt needs at least one step"):
+        shielded(attempt_length=0)
 
 
 def test_the_accepted_risk_is_that_of_the_usual_rule():

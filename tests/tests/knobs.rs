@@ -54,6 +54,8 @@ fn every_field_of_an_experiment_changes_a_run_in_the_gridworld() {
         "shield.reset_attempts=Unlimited",
         "shield.reset_test=FinalState",
         "shield.stop_on_reset=false",
+        "shield.attempt_length=Steps(7)",
+        "shield.attempt_length=Adaptive",
         "shield.warm_up_steps=1000",
         "shield.shield_exploration=true",
         "shield.on_abort=Truncate",
@@ -86,6 +88,8 @@ fn every_field_of_an_experiment_changes_a_run_in_the_gridworld() {
     );
     let aborting = experiment.replace("warm_up_steps: 0,", "warm_up_steps: 0, on_abort: Truncate,");
     all_change(&aborting, &["experience.abort_lifetime=Some(20)"]);
+    let task = r#"reset_task: (plugin: "calibrated-start"), shield: ("#;
+    all_change(&experiment.replace("shield: (", task), &["calibration_resets=20"]);
     let patient = experiment.replace("stop_on_reset: true", "reset_attempts: 3");
     all_change(&patient, &["shield.between_attempts=Reset"]);
 }

@@ -46,7 +46,8 @@ const EXAMPLES: &str = "Examples:
   cargo xtask bench --peers                   our learner against torch and Stable-Baselines3
   cargo xtask bench --against main            here against another commit, in one run
   cargo xtask reproduce gridworld-qmin        one of the paper's experiments
-  cargo xtask reproduce untouched             the shield as it is, in seven environments";
+  cargo xtask reproduce untouched             the shield as it is, in seven environments
+  cargo xtask reproduce gymnasium             the same around Stable-Baselines3 in Gymnasium's";
 
 #[derive(Subcommand)]
 enum Chore {
@@ -113,7 +114,9 @@ enum Chore {
     ///
     /// Small ones, for two cores: the first three take minutes, all together some hours. Ctrl-C keeps what is done, and the same command goes
     /// on from there. Records and plots beside RESULTS.md are written anew. `untouched` names those of the shield with its usual settings, whose
-    /// RESULTS.md is in examples/untouched.
+    /// RESULTS.md is in examples/untouched. `gymnasium` trains an agent of Stable-Baselines3 in Gymnasium's environments with the shield and without;
+    /// it first installs the Python package, torch and Stable-Baselines3 into native/python/drop-in (once, a few minutes, 2 GB), and writes
+    /// examples/gymnasium/RESULTS.md.
     Reproduce(reproduce::Arguments),
     /// Run the benchmarks
     Bench {
@@ -183,7 +186,9 @@ fn run(chore: Chore) -> anyhow::Result<ExitCode> {
             cargo::run(cargo::command(root).args(test).env("SHIELD_WRITE_HEADER", "1"))?;
         }
         Chore::Reproduce(arguments) => {
-            build(root, true)?;
+            if arguments.needs_program() {
+                build(root, true)?;
+            }
             return reproduce::reproduce(root, &program()?, &arguments);
         }
         Chore::Bench { peers: true, .. } => peers::bench(root)?,

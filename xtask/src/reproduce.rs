@@ -3,6 +3,7 @@
 
 mod claims;
 mod experiments;
+mod gymnasium;
 mod record;
 mod results;
 mod tables;
@@ -14,8 +15,8 @@ use std::process::{Command, ExitCode};
 
 use anyhow::{Context, Result, bail};
 
-use crate::cargo;
 use crate::say::say;
+use crate::{cargo, wheel};
 use experiments::Experiment;
 use record::Record;
 
@@ -55,7 +56,8 @@ const COLLECTIONS: [Collection; 2] = [
 /// Which experiments, and how.
 #[derive(Debug, clap::Args)]
 pub struct Arguments {
-    /// Experiments to run, by the names of their files; `paper` and `untouched` are all of one folder, and `paper` is meant if none is named
+    /// Experiments to run, by the names of their files, or Gymnasium's environments; `paper`, `untouched` and `gymnasium` are all of one folder,
+    /// and `paper` is meant if none is named
     experiments: Vec<String>,
     /// Runs nothing: takes what is there, finished runs in runs/ and the records beside the page
     #[arg(long)]
@@ -65,13 +67,35 @@ pub struct Arguments {
     seeds: Option<String>,
 }
 
+impl Arguments {
+    /// Whether something is named that the program `shield` runs.
+    pub fn needs_program(&self) -> bool {
+        self.experiments.is_empty() || self.experiments.iter().any(|name| !is_in_gymnasium(name))
+    }
+}
+
+/// Whether a name stands for environments in which a program in Python trains.
+fn is_in_gymnasium(name: &str) -> bool {
+    name == gymnasium::NAME || gymnasium::ENVIRONMENTS.contains(&name)
+}
+
 /// Runs what is missing, then writes records, plots and the `RESULTS.md` of each folder from which something was named.
 ///
 /// # Errors
 /// A name is unknown, a run fails, or a file cannot be written.
 pub fn reproduce(root: &Path, program: &Path, arguments: &Arguments) -> Result<ExitCode> {
     let mut code = ExitCode::SUCCESS;
-    for (collection, experiments) in chosen(&arguments.experiments)? {
+    let (collections, environments) = chosen(&arguments.experiments)?;
+    if !environments.is_empty() {
+        if !arguments.no_run {
+            let python = wheel::install(root, &[])?;
+            if !gymnasium::run(root, &python, &environments, arguments.seeds.as_deref())? {
+                code = ExitCode::FAILURE;
+            }
+        }
+        gymnasium::write_page(root)?;
+    }
+    for (collection, experiments) in collections {
         for experiment in experiments {
             let place = Place { root, program, collection, experiment };
             if !arguments.no_run && !place.run(arguments.seeds.as_deref())? {
@@ -85,9 +109,13 @@ pub fn reproduce(root: &Path, program: &Path, arguments: &Arguments) -> Result<E
     Ok(code)
 }
 
-/// The experiments of these names, by the collections to which they belong.
-fn chosen(names: &[String]) -> Result<Vec<(&'static Collection, Vec<&'static Experiment>)>> {
-    let known = || COLLECTIONS.iter().flat_map(Collection::names);
+/// Experiments by the collections to which they belong, and Gymnasium's environments.
+type Chosen = (Vec<(&'static Collection, Vec<&'static Experiment>)>, Vec<&'static str>);
+
+/// What these names stand for.
+fn chosen(names: &[String]) -> Result<Chosen> {
+    let trained = [gymnasium::NAME].into_iter().chain(gymnasium::ENVIRONMENTS);
+    let known = || COLLECTIONS.iter().flat_map(Collection::names).chain(trained.clone());
     if let Some(name) = names.iter().find(|name| known().all(|known| known != name.as_str())) {
         let known: Vec<&str> = known().collect();
         bail!("there is no experiment {name}; there are: {}", known.join(", "));
@@ -99,7 +127,9 @@ fn chosen(names: &[String]) -> Result<Vec<(&'static Collection, Vec<&'static Exp
         let is_wanted = |experiment: &&Experiment| is_named(collection.name) || is_named(experiment.name);
         (collection, collection.experiments.iter().filter(is_wanted).collect::<Vec<_>>())
     };
-    Ok(COLLECTIONS.iter().map(of).filter(|(_, experiments)| !experiments.is_empty()).collect())
+    let collections = COLLECTIONS.iter().map(of).filter(|(_, experiments)| !experiments.is_empty()).collect();
+    let is_wanted = |name: &&str| is_named(gymnasium::NAME) || is_named(name);
+    Ok((collections, gymnasium::ENVIRONMENTS.into_iter().filter(is_wanted).collect()))
 }
 
 impl Collection {
@@ -191,8 +221,25 @@ mod tests {
 
     fn count(names: &[&str]) -> Option<Vec<(&'static str, usize)>> {
         let names: Vec<String> = names.iter().map(ToString::to_string).collect();
-        let chosen = chosen(&names).ok()?;
-        Some(chosen.iter().map(|(collection, experiments)| (collection.name, experiments.len())).collect())
+        let (collections, _) = chosen(&names).ok()?;
+        Some(
+            collections
+                .iter()
+                .map(|(collection, experiments)| (collection.name, experiments.len()))
+                .collect(),
+        )
+    }
+
+    #[test]
+    fn environments_of_gymnasium_are_named_alone_or_together() {
+        let environments = |names: &[&str]| {
+            let names: Vec<String> = names.iter().map(ToString::to_string).collect();
+            let arguments = Arguments { experiments: names.clone(), no_run: true, seeds: None };
+            (chosen(&names).unwrap().1.len(), arguments.needs_program())
+        };
+        assert_eq!(environments(&["gymnasium"]), (gymnasium::ENVIRONMENTS.len(), false));
+        assert_eq!(environments(&["Pendulum-v1", "walker"]), (1, true));
+        assert_eq!(environments(&[]), (0, true));
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! `--python`: the wheel of the Python package as a user installs it, and its tests.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::{Command, ExitCode};
 
 use anyhow::{Context, bail};
@@ -10,13 +10,12 @@ use crate::{cargo, stages, torch};
 /// Builds the wheel quickly, not to run quickly: what the tests want is that it works. It shares its dependencies with the other tests.
 const PROFILE: &str = "build-args=--profile dev";
 
-/// Builds and installs the wheel, runs its tests, prints what a step costs, and compares exported policies with what they do here.
+/// A Python with the package as it is now, torch, Stable-Baselines3 and Gymnasium. `settings` are arguments for pip.
 ///
 /// # Errors
-/// Something could not be built, installed or started. A failed test is not an error but an exit code.
-pub fn test(root: &Path) -> anyhow::Result<ExitCode> {
-    let folder = root.join("tests/python");
-    let python = torch::python(root, "drop-in", &folder.join("requirements.txt"))?;
+/// Something could not be built or installed.
+pub fn install(root: &Path, settings: &[&str]) -> anyhow::Result<PathBuf> {
+    let python = torch::python(root, "drop-in", &root.join("tests/python/requirements.txt"))?;
     let mut pip = Command::new(&python);
     pip.args([
         "-m",
@@ -27,10 +26,20 @@ pub fn test(root: &Path) -> anyhow::Result<ExitCode> {
         "--no-deps",
         "--force-reinstall",
     ]);
-    let installed = pip.args(["--config-settings", PROFILE]).arg(root.join("shield-python")).status();
+    let installed = pip.args(settings).arg(root.join("shield-python")).status();
     if !installed.with_context(|| format!("{} could not be started", python.display()))?.success() {
         bail!("the Python package could not be built and installed");
     }
+    Ok(python)
+}
+
+/// Builds and installs the wheel, runs its tests, prints what a step costs, and compares exported policies with what they do here.
+///
+/// # Errors
+/// Something could not be built, installed or started. A failed test is not an error but an exit code.
+pub fn test(root: &Path) -> anyhow::Result<ExitCode> {
+    let folder = root.join("tests/python");
+    let python = install(root, &["--config-settings", PROFILE])?;
     for arguments in [&["-m", "pytest", "--quiet", "-p", "no:cacheprovider"][..], &["overhead.py"]] {
         // An environment variable of the user's must not lead the package to other plugins than its own.
         let mut program = Command::new(&python);

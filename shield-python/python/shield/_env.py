@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import copy
 import itertools
-import numbers
 import os
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, SupportsFloat
@@ -12,7 +11,6 @@ from typing import TYPE_CHECKING, Any, SupportsFloat
 import gymnasium
 from gymnasium.utils import RecordConstructorArgs
 
-from ._core import ConfigError
 from ._report import figures_of, text_of
 from ._settings import Settings
 from ._shield import Decision, Shield, told
@@ -34,16 +32,14 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     `Decision`; of an aborted step `executed` is NaN, or for a Discrete action space one less than its first action. `info["shield"]` of a reset has `hard_reset` and `steps`, those of the
     reset agent.
 
-    Three arguments are its own:
+    Two arguments are its own:
 
     - `abort_reward`: the reward of a step that was aborted.
-    - `calibration_resets`: before the first step the environment is reset so many more times, so that the reset task sees how far its starts scatter. In a simulator 20
-      are cheap; on a robot each is a hard reset by a person. They are not counted.
     - `is_irreversible(observation)` says, as a bool, whether there is no way back from there. It changes nothing; entries into such states are counted, in the
       steps of both agents.
 
-    The other arguments are those of `Shield`, where each is explained; `episode_length` is the time limit of the environment if it has one and there is no
-    `config`.
+    The other arguments are those of `Shield`, where each is explained. Two of them have other defaults here if there is no `config`: `episode_length` is the time
+    limit of the environment if it has one, and `calibration_resets` is 20 for the environments that Gymnasium brings itself, which are simulators.
     """
 
     def __init__(
@@ -54,33 +50,26 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         config: str | os.PathLike[str] | None = None,
         *,
         abort_reward: float = 0.0,
-        calibration_resets: int = 0,
         is_irreversible: Callable[[Any], bool] | None = None,
         **settings: Unpack[Settings],
     ) -> None:
         settings |= {"reset_reward": reset_reward, "in_reset_set": in_reset_set, "config": config}
-        own = {"calibration_resets": calibration_resets, "is_irreversible": is_irreversible}
-        RecordConstructorArgs.__init__(self, _disable_deepcopy=True, abort_reward=abort_reward, **own, **settings)
+        own = {"abort_reward": abort_reward, "is_irreversible": is_irreversible}
+        RecordConstructorArgs.__init__(self, _disable_deepcopy=True, **own, **settings)
         if is_irreversible is not None and not callable(is_irreversible):
             raise TypeError(f"is_irreversible is {is_irreversible!r}, not a function of an observation")
         env, self._limit = without_time_limits(env)
         gymnasium.Wrapper.__init__(self, env)
         if settings.get("episode_length") is None and config is None and self._limit is not None:
             settings["episode_length"] = self._limit
+        is_free = config is None and settings["reset_reward"] is None and settings["in_reset_set"] is None
+        if settings.get("calibration_resets") is None and is_free and is_simulated(env):
+            settings["calibration_resets"] = SIMULATED_STARTS
         self.abort_reward = float(abort_reward)
         #: The shield itself.
         self.shield = Shield(env.observation_space, env.action_space, **settings)
         self._observation: Any = None
         self._is_irreversible = is_irreversible
-        self._calibration_resets = self._checked_calibration_resets(calibration_resets)
-
-    def _checked_calibration_resets(self, number: int) -> int:
-        if isinstance(number, bool) or not isinstance(number, numbers.Integral) or number < 0:
-            raise ConfigError(f"calibration_resets={number!r}: it is a whole number, 0 or more")
-        if number and self.shield.is_told:
-            remedy = "leave it out: reset_reward and in_reset_set already say what \"reset\" means"
-            raise ConfigError(f"calibration_resets={number!r}: there is no reset task that would learn from them; {remedy}")
-        return int(number)
 
     def step(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
         """Executes the action, as proposed or altered, if the shield allows it; `info["shield"]` says what it decided.
@@ -166,15 +155,13 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 
     def load(self, path: str | os.PathLike[str]) -> None:
         """Goes on from a file, as `Shield.load`. The next `reset` is the environment's own; what `calibration_resets` were for is in the file."""
-        self._calibration_resets = 0
         self.shield.load(path)
 
     def _calibrate(self, seed: int | None, options: dict[str, Any] | None) -> None:
         """Before the first start, shows the reset task some others. The first start itself is that of its seed, with or without them."""
-        for number in range(self._calibration_resets):
+        for number in range(self.shield.calibration_resets):
             start, _ = self.env.reset(seed=None if seed is None else seed + 1 + number, options=options)
             self.shield.observe_start(start)
-        self._calibration_resets = 0
 
     def _execute(self, action: Any) -> tuple[Any, SupportsFloat, bool, bool, dict[str, Any]]:
         try:
@@ -224,6 +211,16 @@ def explained(decision: Decision, executed: Any) -> dict[str, Any]:
         "cause": decision.cause,
         "reason": decision.reason,
     }
+
+
+#: Starts that the reset task is shown where they cost nothing: with 19 and the first it can tell how far they scatter.
+SIMULATED_STARTS = 20
+
+
+def is_simulated(env: gymnasium.Env[Any, Any]) -> bool:
+    """Whether the environment is one that Gymnasium brings itself. They are all simulators, in which a reset costs nobody's time."""
+    entry = env.spec.entry_point if env.spec is not None else None
+    return isinstance(entry, str) and entry.startswith("gymnasium.envs.")
 
 
 class _Still(gymnasium.Env[Any, Any]):

@@ -22,7 +22,9 @@ class Settings(TypedDict, total=False):
     q_min: float | None
     warm_up_steps: int | None
     reset_attempts: int | str | None
+    attempt_length: int | str | None
     episode_length: int | None
+    calibration_resets: int | None
     updates_per_step: int | None
     seed: int | None
     threads: int | None
@@ -33,7 +35,9 @@ class Settings(TypedDict, total=False):
 PATHS = {
     "warm_up_steps": "shield.warm_up_steps",
     "reset_attempts": "shield.reset_attempts",
+    "attempt_length": "shield.attempt_length",
     "episode_length": "episode_length",
+    "calibration_resets": "calibration_resets",
     "updates_per_step": "experience.updates_per_step",
     "seed": "seed",
     "threads": "threads",
@@ -59,7 +63,7 @@ def overrides(settings: Settings) -> list[tuple[str, str, str]]:
     """Path, RON value, and what the user wrote."""
     further = settings.get("overrides") or {}
     named = [(name, settings.get(name)) for name in PATHS]
-    given = [(PATHS[name], ron(value), name, value) for name, value in named if value is not None]
+    given = [(PATHS[name], in_ron(name, value), name, value) for name, value in named if value is not None]
     given += [(path, ron(value), f"overrides[{path!r}]", value) for path, value in further.items()]
     return [(path, value, f"{name}={written!r}") for path, value, name, written in given]
 
@@ -111,6 +115,12 @@ def override_of_q_min(q_min: float, schedule: str | None) -> tuple[str, str, str
     has_schedule = schedule is not None and schedule != "Constant"
     field, value = ("final_q_min", f"Some({ron(q_min)})") if has_schedule else ("q_min", ron(q_min))
     return f"shield.rules[0].config.{field}", value, f"q_min={q_min!r}"
+
+
+def in_ron(name: str, value: Any) -> str:
+    """The value of an argument as RON. A number of steps is one of several ways to say how long an attempt may be."""
+    is_number = name == "attempt_length" and not isinstance(value, str)
+    return f"Steps({ron(value)})" if is_number else ron(value)
 
 
 def ron(value: Any) -> str:

@@ -137,7 +137,12 @@ class Shield:
       has a schedule, what it grows to. The usual configuration has no such rule.
     - `warm_up_steps`: in the first so many steps (1,000) a rule that needs the reset agent's values is not asked. The usual rule has no warm-up.
     - `reset_attempts`: failures in a row (1) after which the reset agent gives up; "Unlimited" is never.
-    - `episode_length`: steps (500) after which an episode of the reset agent has failed.
+    - `attempt_length`: steps after which an attempt of the reset agent has failed. "Adaptive", the usual: three times as many as recent successes took (at first 200, or
+      as many as there are to be undone), half as many more after each time-out, at most `episode_length`; "Episode": `episode_length`.
+    - `episode_length`: the most steps (500) of an attempt, unless `attempt_length` is a number.
+    - `calibration_resets`: before the first step the environment is reset so many more times (0), so that the reset task sees how far its starts scatter. In a
+      simulator 20 are cheap; on a robot each is a hard reset by a person. They are not counted. `ShieldedEnv` makes them; in a loop of your own you do, and tell of
+      each by `observe_start`.
     - `updates_per_step`: how often the reset agent learns after each step; 0 is never.
     - `seed`: of the shield's random numbers (0).
     - `threads`: how many the shield may use (1); what it decides does not depend on it.
@@ -272,6 +277,11 @@ class Shield:
         """Why a hard reset is needed: `cycle_over` (the reset agent has given up), `terminated`, `requested` (by the caller), or `lost` (where the
         environment stands is not known); empty if none is."""
         return self._core.hard_reset_due
+
+    @property
+    def calibration_resets(self) -> int:
+        """How many more starts `observe_start` is to be told before the first step."""
+        return self._core.calibration_resets
 
     @property
     def no_action(self) -> Any:

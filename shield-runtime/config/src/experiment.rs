@@ -24,10 +24,10 @@ use shield_api::{
 };
 
 pub use config::{
-    BetweenAttempts, CheckpointConfig, DropInConfig, Endings, EvaluatedAgent, EvaluationConfig,
-    ExperienceConfig, Experiment, Forward, Mode, OnAbort, OnResetFailure, OnResetSuccess, OnWorkerFailure,
-    PluginChoice, ProjectionConfig, QpConfig, RecordConfig, Reset, ResetAttempts, ResetTest, RuleConfig,
-    ShieldConfig, SpaceConfig, SpacesConfig, Unlimited, Updates, WorkerConfig, cycle_settings,
+    AttemptLength, BetweenAttempts, CheckpointConfig, DropInConfig, Endings, EvaluatedAgent,
+    EvaluationConfig, ExperienceConfig, Experiment, Forward, Mode, OnAbort, OnResetFailure, OnResetSuccess,
+    OnWorkerFailure, PluginChoice, ProjectionConfig, QpConfig, RecordConfig, Reset, ResetAttempts, ResetTest,
+    RuleConfig, ShieldConfig, SpaceConfig, SpacesConfig, Unlimited, Updates, WorkerConfig, cycle_settings,
 };
 pub use defaults::Defaults;
 pub use difference::{Difference, differences, first_difference};

@@ -9,6 +9,7 @@
 //! [`observe`](ResetCycle::observe), and [`finish`](ResetCycle::finish) the episode that it ends. Where
 //! [`hard_reset_due`](ResetCycle::hard_reset_due), nothing moves until [`placed`](ResetCycle::placed).
 
+mod attempts;
 mod deciding;
 mod learning;
 mod looking;
@@ -24,7 +25,7 @@ pub use undoing::MOST_IDLE_ABORTS;
 use rand_pcg::Pcg64;
 use shield_api::{Error, metrics::Metrics};
 
-use self::undoing::SinceReset;
+use self::{attempts::AttemptLengths, undoing::SinceReset};
 use crate::{
     agent::{Agent, ForwardAgent},
     critic::Critic,
@@ -97,6 +98,8 @@ pub struct ResetCycle {
     turn: AgentRole,
     /// The present episode; `None` between two.
     episode: Option<Tally>,
+    /// How long the next attempt may be.
+    attempts: AttemptLengths,
     hard_reset_due: Option<HardResetDue>,
     /// A start was observed.
     is_placed: bool,
@@ -140,6 +143,7 @@ impl ResetCycle {
             reset_successes: 0,
             failed_attempts: 0,
             episode: None,
+            attempts: AttemptLengths::default(),
             hard_reset_due: None,
             is_placed: false,
             since_reset: SinceReset::default(),
@@ -185,6 +189,7 @@ impl ResetCycle {
         let is_success = role == AgentRole::Reset && !is_unknown && end != EpisodeEnd::Terminated;
         let has_reset = is_success && self.passes_reset_test(&tally);
         let attempt = self.note_outcome(&tally, end, has_reset);
+        self.note_length(role, tally.length, end, has_reset);
         if !end.is_cut() && self.is_shielded() {
             self.diagnosis.episode(role, &tally, end, has_reset);
         }

@@ -4,10 +4,12 @@
 //! nothing, and decides nothing: a diagnosis never changes a run.
 
 mod finding;
+mod forward_share;
 #[cfg(test)]
 mod tests;
 
 pub use finding::Finding;
+use forward_share::ForwardShare;
 
 use serde::{Deserialize, Serialize};
 use shield_api::{StepOutcome, metrics::Metrics};
@@ -36,6 +38,10 @@ const FAILED_ATTEMPTS: u32 = 10;
 const CHANCE: f64 = 1e-6;
 /// Long attempts are told of sooner: three of them, if they took so many steps in all that the user would wait for thousands more.
 const LONG_ATTEMPTS: (u32, u64) = (3, 1_500);
+/// Steps of attempts, the present one included, after which it is told that none has ever succeeded.
+const NEVER_BACK: u64 = 900;
+/// This share of the forward agent's states in the reset set shows that it can be reached: an attempt will come there too.
+const SOME: f64 = 0.01;
 /// Steps without an allowed action, and the rejected actions that must lie in them: twice the usual length of an attempt.
 const NOTHING_ALLOWED: (u64, u32) = (1_000, 3);
 /// Hard resets of one cause before it is said that it is the usual one.
@@ -47,7 +53,7 @@ const TERMINATED_EPISODES: u32 = 16;
 /// Before so many steps an untrained shield prevents nothing yet, a reset task knows few starts, and no judgement on either is fair.
 const SETTLED_STEPS: u64 = 1_000;
 /// The last attempts over which the realised risk is taken, all of which must be there: fewer say too little about a risk of 0.05.
-const RISK_WINDOW: u32 = 50;
+const RISK_WINDOW: u32 = 40;
 /// So many standard deviations of a share of attempts above the accepted one are no chance.
 const DEVIATIONS: f64 = 3.0;
 /// Attempts that are looked at together for the time that they take, in at least [`SETTLED_STEPS`].
@@ -92,6 +98,7 @@ pub struct Diagnosis {
     resets: Resets,
     episodes: Episodes,
     share: Share,
+    forward_share: ForwardShare,
     accepted_risk: Option<f64>,
 }
 
@@ -122,6 +129,8 @@ struct Attempts {
     /// Of these, ends of the environment.
     ended_in_a_row: u32,
     failed_steps: u64,
+    /// Steps of the one under way.
+    present_steps: u64,
 }
 
 /// Rejected actions since the last allowed one.
@@ -171,10 +180,14 @@ impl Diagnosis {
         self.found.iter().flatten()
     }
 
+    /// Whether a finding of this kind was made before.
+    fn knows(&self, finding: &Finding) -> bool {
+        self.findings().any(|known| known.name() == finding.name())
+    }
+
     /// Takes note of whether this holds; it is found once.
     fn note(&mut self, holds: bool, finding: Finding) {
-        let is_same =
-            |known: &&mut Found| std::mem::discriminant(&known.finding) == std::mem::discriminant(&finding);
+        let is_same = |known: &&mut Found| known.finding.name() == finding.name();
         if let Some(known) = self.found.iter_mut().flatten().find(is_same) {
             known.is_over = !holds;
         } else if holds && let Some(free) = self.found.iter_mut().find(|place| place.is_none()) {
@@ -254,7 +267,20 @@ impl Diagnosis {
             self.starts.is_reached |= outcome.in_reset_set;
             self.starts.left_at_once += u32::from(self.starts.states == STATES_AFTER_START);
         }
-        if role == AgentRole::Forward {
+        if let Some((holds, finding)) = self.forward_share.step(role, self.steps) {
+            let is_news = self.forward_share.is_first_look();
+            self.note(holds && (is_news || self.knows(&finding)), finding);
+        }
+        if role == AgentRole::Reset {
+            self.attempts.present_steps += 1;
+            let Attempts { failed_in_a_row, ended_in_a_row: ended, failed_steps, present_steps, .. } =
+                self.attempts;
+            // It may be a long one, and a user need not wait for its end.
+            if self.never_came_back() {
+                let (attempts, steps) = (failed_in_a_row + 1, failed_steps + present_steps);
+                self.note(true, Finding::NoSuccess { attempts, ended, steps, has_succeeded: false });
+            }
+        } else {
             self.share.forward_steps += 1;
             self.forward_states += 1;
             self.forward_inside += u64::from(outcome.in_reset_set);
@@ -296,6 +322,7 @@ impl Diagnosis {
     fn attempt(&mut self, length: u64, has_reset: bool, is_end: bool) {
         self.outcome(has_reset, is_end);
         let attempts = &mut self.attempts;
+        attempts.present_steps = 0;
         if has_reset {
             attempts.successes += 1;
             (attempts.failed_in_a_row, attempts.ended_in_a_row, attempts.failed_steps) = (0, 0, 0);
@@ -308,13 +335,23 @@ impl Diagnosis {
             failed_in_a_row: failed, ended_in_a_row: ended, failed_steps: steps, successes, ..
         } = *attempts;
         let is_long = failed >= LONG_ATTEMPTS.0 && steps >= LONG_ATTEMPTS.1;
-        let holds = self.steps >= SETTLED_STEPS && (failed >= self.most_failures() || is_long);
+        let is_striking = failed >= self.most_failures() || is_long || self.never_came_back();
+        let holds = self.steps >= SETTLED_STEPS && is_striking;
         self.note(holds, Finding::NoSuccess { attempts: failed, ended, steps, has_succeeded: successes > 0 });
         let Starts { known, is_reached, left_at_once, .. } = self.starts;
         let is_suspect = known == 0 && !is_reached && left_at_once >= FEWEST_STARTS;
         let holds = is_suspect && successes == 0 && failed >= SUSPECT_ATTEMPTS && self.steps >= SETTLED_STEPS;
         self.note(holds, Finding::StartsUnlikely { starts: left_at_once, attempts: failed });
         self.note_share(length, has_reset);
+        self.forward_share.attempt(has_reset, is_end);
+    }
+
+    /// No attempt has ever succeeded, those that there were, the present one included, took long, and the task does not lead there by chance.
+    fn never_came_back(&self) -> bool {
+        let Attempts { successes, failed_steps, present_steps, .. } = self.attempts;
+        let is_long = successes == 0 && failed_steps + present_steps >= NEVER_BACK;
+        let is_out_of_reach = (self.forward_inside as f64) < SOME * self.forward_states as f64;
+        self.steps >= SETTLED_STEPS && is_long && is_out_of_reach
     }
 
     /// Failures in a row that chance does not explain.

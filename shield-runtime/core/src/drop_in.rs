@@ -4,6 +4,7 @@
 //! environment that can be stepped, [`Shielded`](crate::shielded::Shielded) is the loop around this.
 
 mod builder;
+mod calibration;
 mod looking;
 mod metrics;
 mod state;
@@ -84,6 +85,8 @@ use crate::{
 pub struct DropIn {
     cycle: ResetCycle,
     task: Option<Box<dyn ResetTask>>,
+    /// Starts that the task is still to be shown before the first step.
+    calibration_resets: u32,
     metrics: EpisodeMetrics,
 }
 
@@ -102,7 +105,7 @@ impl DropIn {
         let (Some(_), Some(_)) = (&cycle.parts().ladder, &cycle.parts().reset) else {
             return Err(Error::invalid_argument("a shield needs rules and a reset agent"));
         };
-        Ok(Self { cycle, task, metrics: EpisodeMetrics::default() })
+        Ok(Self { cycle, task, calibration_resets: 0, metrics: EpisodeMetrics::default() })
     }
 
     /// Everything is at its start, where `observation` is seen: before the first step, and after each hard reset.
@@ -132,17 +135,6 @@ impl DropIn {
             self.cycle.note_start(is_inside);
         }
         self.metrics.episode_is_over(self.cycle.counters(), None)
-    }
-
-    /// Shows the reset task one more start, from which nothing follows: nothing is counted, and where the environment stands stays as it was.
-    /// A simulator may be reset a few times at the beginning, so that the task knows how far the starts scatter.
-    ///
-    /// # Errors
-    /// The observation is invalid, or the reset task failed.
-    pub fn observe_start(&mut self, observation: &[f32]) -> Result<()> {
-        check_finite("the observation after a reset", observation, self.spaces().observation_len())?;
-        let Some(task) = &mut self.task else { return Ok(()) };
-        self.cycle.metrics().collect(|| task.observe_start(observation))
     }
 
     /// Decides on `action`, which afterwards holds what may be executed: the proposed action, a projected one, or the reset agent's. The

@@ -21,6 +21,18 @@ pub enum Mode {
     },
 }
 
+/// After how many steps an attempt has failed that did not reach the reset set.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
+pub enum AttemptLength {
+    /// As many as an episode has.
+    #[default]
+    Episode,
+    /// So many.
+    Steps(u64),
+    /// Three times as many as recent successes took, half as many more after each time-out, and never more than an episode has.
+    Adaptive,
+}
+
 /// Who learns after a step.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Deserialize, Serialize)]
 pub enum Updates {

@@ -139,6 +139,10 @@ impl<E: Environment> Shielded<E> {
     }
 
     fn place(&mut self, start: Option<&str>, seed: u64) -> Result<()> {
+        for number in 1..=u64::from(self.inside.calibration_resets()) {
+            self.world.hard_reset(start, seed.wrapping_add(number))?;
+            self.inside.observe_start(self.world.observation())?;
+        }
         self.inside.require_hard_reset(self.inside.hard_reset_due().unwrap_or(HardResetDue::Requested));
         self.world.hard_reset(start, seed)?;
         self.inside.hard_reset_done(self.world.observation())

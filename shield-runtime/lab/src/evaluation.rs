@@ -79,6 +79,12 @@ impl Evaluator {
         Ok(())
     }
 
+    /// Shows a start to the reset task of each world.
+    pub(crate) fn show_start(&mut self, seed: u64) -> Result<()> {
+        let start = self.start.as_deref();
+        self.batch.lanes().iter_mut().try_for_each(|lane| lane.world.hard_reset(start, seed))
+    }
+
     /// One evaluation after `step` training steps.
     ///
     /// # Errors

@@ -21,7 +21,6 @@ use shield_core::{
     diagnosis::Found,
     events::{Counters, EpisodeEnd, EpisodeEvent, HardReset},
     experience::AgentRole,
-    settings::Mode,
     world::{Stepped, World},
 };
 
@@ -52,7 +51,7 @@ impl<'a> JointLoop<'a> {
         let lengths = [spec.spaces.observation_len(), spec.spaces.action_len()];
         let mut cycle = settings.cycle.clone();
         cycle.forward_length = Some(spec.episode_length as u64);
-        cycle.attempt_length = spec.episode_length as u64;
+        cycle.episode_length = spec.episode_length as u64;
         Self {
             settings,
             cycle: ResetCycle::new(cycle, agents, lengths),
@@ -95,7 +94,10 @@ impl<'a> JointLoop<'a> {
 
     fn take_turns(&mut self) -> anyhow::Result<bool> {
         match self.start {
-            Start::New => self.place()?,
+            Start::New => {
+                self.calibrate()?;
+                self.place()?;
+            }
             Start::HardReset => self.lose_the_world()?,
             Start::Within => {}
             Start::Finished => return Ok(false),
@@ -182,13 +184,21 @@ impl<'a> JointLoop<'a> {
         if due.is_some() { self.place() } else { Ok(()) }
     }
 
+    /// Shows the reset task some starts, and those of the evaluation the same. Nothing is counted.
+    fn calibrate(&mut self) -> anyhow::Result<()> {
+        for _ in 0..self.settings.calibration_resets {
+            let seed = self.resets.next_u64();
+            self.world.hard_reset(self.settings.start(), seed)?;
+            self.evaluator.as_mut().map_or(Ok(()), |evaluator| evaluator.show_start(seed))?;
+        }
+        // What the task says of these starts is not said of the first one.
+        self.cycle.metrics().drain(&mut |_, _| {});
+        Ok(())
+    }
+
     /// A hard reset, to the start that the mode names.
     fn place(&mut self) -> anyhow::Result<()> {
-        let start = match &self.settings.cycle.mode {
-            Mode::ResetOnly { start } => start.as_deref(),
-            Mode::Shielded | Mode::StatusQuo | Mode::ForwardOnly => None,
-        };
-        self.world.hard_reset(start, self.resets.next_u64())?;
+        self.world.hard_reset(self.settings.start(), self.resets.next_u64())?;
         self.cycle.placed();
         Ok(())
     }

@@ -278,6 +278,7 @@ pub struct Scene {
 
 pub fn settings(steps: u64) -> LoopSettings {
     LoopSettings {
+        calibration_resets: 0,
         cycle: CycleSettings::default(),
         steps,
         record: RecordConfig::default(),

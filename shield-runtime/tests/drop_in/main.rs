@@ -194,6 +194,11 @@ fn an_unusable_configuration_is_refused_with_its_place() {
         (&format!("shield: ({RULES}, on_abort: Truncate)"), "x.ron:3:45: what an agent of yours learns"),
         (&format!("shield: ({RULES}, projection: Best)"), "the values of an agent of yours"),
         (&format!("shield: ({RULES}), episode_length: 0"), "at least one step"),
+        (&format!("shield: ({RULES}, attempt_length: Steps(0))"), "an attempt needs at least one step"),
+        (
+            &format!("shield: ({RULES}), calibration_resets: 3"),
+            "x.ron:3:56: there is no reset task that would learn",
+        ),
         (&format!("shield: ({RULES}), threads: 0"), "at least one thread"),
         (&format!("shield: ({RULES}), hard_reset_cost: -1.0"), "the cost of a hard reset is -1"),
         ("shield: (), experience: (failure_share: 1.5)", "x.ron:3:42: 1.5 is not a share between 0 and 1"),

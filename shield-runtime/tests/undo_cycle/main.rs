@@ -20,7 +20,7 @@ use shield_runtime::{
     cycle::{CycleParts, CycleSettings, HardResetDue, Memory, ResetCycle},
     events::{EpisodeEnd, EpisodeEvent},
     experience::{AgentRole, AttemptBuffers},
-    settings::{BetweenAttempts, OnAbort, ResetTest},
+    settings::{AttemptLength, BetweenAttempts, OnAbort, ResetTest},
     shield::{Ladder, LadderSettings},
 };
 
@@ -38,7 +38,7 @@ fn walk(settings: CycleSettings) -> Walk {
 }
 
 fn short() -> CycleSettings {
-    CycleSettings { attempt_length: 4, ..CycleSettings::default() }
+    CycleSettings { attempt_length: AttemptLength::Steps(4), ..CycleSettings::default() }
 }
 
 impl Walk {

@@ -191,3 +191,29 @@ fn an_attempt_that_goes_on_after_an_interruption_has_one_outcome_for_all_its_ste
     // The forward step before it, and its own.
     assert_eq!(known, [1.0, 2.0, 1.5, 1.0, 0.5]);
 }
+
+#[test]
+fn an_adaptive_attempt_gives_up_where_others_came_back_sooner() {
+    let adaptive = CycleSettings {
+        attempt_length: AttemptLength::Adaptive,
+        episode_length: 90,
+        ..CycleSettings::default()
+    };
+    let anywhere = || Walk::with(adaptive.clone(), |_| true, Odds::of(|_, _| 0.75));
+    let mut walk = anywhere();
+    assert_eq!(walk.cycle.attempt_length(), 90, "no more than an episode has");
+    walk.steps(2, 1.0);
+    walk.cycle.begin_reset();
+    assert_eq!((walk.finish().length, walk.cycle.attempt_length()), (4, 50));
+    // From here it would take 120 steps.
+    walk.cell = 60.0;
+    walk.steps(1, -0.5);
+    walk.cycle.begin_reset();
+    let failed = walk.finish();
+    assert_eq!((failed.end, failed.length), (EpisodeEnd::TimeLimit, 50));
+    assert_eq!(walk.cycle.attempt_length(), 75, "the next one has more");
+    let undo = walk.cycle.save_undo().unwrap();
+    let mut after = anywhere();
+    after.cycle.go_on_undoing(&undo);
+    assert_eq!(after.cycle.attempt_length(), 75);
+}

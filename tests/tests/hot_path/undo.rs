@@ -9,7 +9,7 @@ use shield_runtime::{
     decision::Decision,
     events::EpisodeEnd,
     experience::{AgentRole, Experience, UndoSettings},
-    experiment::{OnAbort, ProjectionConfig, QpConfig},
+    experiment::{AttemptLength, OnAbort, ProjectionConfig, QpConfig},
     plugin::{Registry, SearchPath, Selection, host},
     shield::{Ladder, LadderSettings},
     world::{Stepped, World},
@@ -76,7 +76,7 @@ impl Course {
         };
         let settings = CycleSettings {
             forward_length: Some(25),
-            attempt_length: 15,
+            attempt_length: AttemptLength::Steps(15),
             on_abort: OnAbort::Penalise(1.0),
             shield_exploration: true,
             ..CycleSettings::default()

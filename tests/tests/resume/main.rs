@@ -286,10 +286,13 @@ fn every_mode_continues_exactly() {
 fn a_task_that_calibrates_itself_continues_exactly() {
     let experiment = cart(
         500,
-        r#"checkpoint: (every: 150), reset_task: (plugin: "calibrated-start", config: (experience: 300)),"#,
-    );
+        r#"checkpoint: (every: 150), calibration_resets: 5,
+         reset_task: (plugin: "calibrated-start", config: (experience: 300)),"#,
+    )
+    .replace("warm_up_steps", "attempt_length: Adaptive, warm_up_steps");
     let expected = Trial::uninterrupted(&experiment);
-    assert!(String::from_utf8_lossy(&expected["learning.csv"]).contains("experience_inside"));
+    let learned = String::from_utf8_lossy(&expected["learning.csv"]);
+    assert!(learned.contains("experience_inside") && learned.contains("attempt_length"));
     for sabotage in [Sabotage::Stop(70), Sabotage::Crash(250), Sabotage::Stop(299), Sabotage::Crash(470)] {
         let run = Trial::new(&experiment, &[]);
         run.go(sabotage);

@@ -101,7 +101,7 @@ impl Variant {
 
     /// The same with the smallest and the largest.
     pub fn range(&self, figure: impl Fn(&Summary) -> Option<f64>) -> Option<Spread> {
-        Spread::with_ends(self.figures(figure), 0.0)
+        Spread::around(self.figures(figure))
     }
 
     fn figures(&self, figure: impl Fn(&Summary) -> Option<f64>) -> Vec<f64> {
@@ -113,6 +113,11 @@ impl Spread {
     /// With the quartiles, linear between neighbours, as `shield report` has it. `None` of nothing.
     pub fn of(figures: Vec<f64>) -> Option<Self> {
         Self::with_ends(figures, 0.25)
+    }
+
+    /// With the smallest and the largest. `None` of nothing.
+    pub fn around(figures: Vec<f64>) -> Option<Self> {
+        Self::with_ends(figures, 0.0)
     }
 
     /// Around the median, what this share of the figures is below, and what it is above.

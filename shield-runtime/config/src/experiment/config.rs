@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use super::ron_text::RonText;
 pub use shield_core::settings::{
-    BetweenAttempts, Endings, EvaluatedAgent, Mode, OnAbort, OnResetFailure, OnResetSuccess,
+    AttemptLength, BetweenAttempts, Endings, EvaluatedAgent, Mode, OnAbort, OnResetFailure, OnResetSuccess,
     ProjectionConfig, QpConfig, RecordConfig, ResetTest, Updates,
 };
 use shield_host::plugin::Kind;
@@ -52,6 +52,9 @@ pub struct Experiment {
     /// Replaces the environment's own reset reward and reset set.
     #[serde(default)]
     pub reset_task: Option<PluginChoice>,
+    /// So many further starts are shown to the reset task before the first step. They are hard resets that nobody counts.
+    #[serde(default)]
+    pub calibration_resets: u32,
     /// The transitions that both agents share, and what they learn from them.
     #[serde(default)]
     pub experience: ExperienceConfig,

@@ -5,9 +5,9 @@ use std::{collections::HashSet, time::Duration};
 use indexmap::IndexMap;
 
 use super::config::{
-    DropInConfig, EvaluatedAgent, EvaluationConfig, ExperienceConfig, Experiment, Forward, Mode, OnAbort,
-    PluginChoice, ProjectionConfig, QpConfig, ResetAttempts, RuleConfig, ShieldConfig, SpaceConfig,
-    WorkerConfig,
+    AttemptLength, DropInConfig, EvaluatedAgent, EvaluationConfig, ExperienceConfig, Experiment, Forward,
+    Mode, OnAbort, PluginChoice, ProjectionConfig, QpConfig, ResetAttempts, RuleConfig, ShieldConfig,
+    SpaceConfig, WorkerConfig,
 };
 use shield_host::plugin::Kind;
 
@@ -47,6 +47,7 @@ pub(super) fn validate(experiment: &Experiment) -> Checked {
     plugins(experiment)?;
     pins(&experiment.pins)?;
     mode(experiment)?;
+    calibration(experiment.calibration_resets, experiment.reset_task.as_ref())?;
     shield(&experiment.shield)?;
     learning(experiment)?;
     experience(&experiment.experience)?;
@@ -133,11 +134,24 @@ fn mode(experiment: &Experiment) -> Checked {
     }
 }
 
+fn calibration(resets: u32, reset_task: Option<&PluginChoice>) -> Checked {
+    ensure(
+        resets == 0 || reset_task.is_some(),
+        "calibration_resets",
+        "there is no reset task that would learn from them: leave it out, or name one, for example `reset_task: Some(plugin: \"calibrated-start\")`",
+    )
+}
+
 fn shield(settings: &ShieldConfig) -> Checked {
     ensure(
         settings.reset_attempts != ResetAttempts::After(0),
         "shield.reset_attempts",
         "a hard reset can follow 1 failed attempt or more, not 0; `Unlimited` means never",
+    )?;
+    ensure(
+        settings.attempt_length != AttemptLength::Steps(0),
+        "shield.attempt_length",
+        "an attempt needs at least one step",
     )?;
     for (index, value) in settings.fallback_action.iter().flatten().enumerate() {
         let path = format!("shield.fallback_action[{index}]");
@@ -258,6 +272,7 @@ pub(super) fn validate_drop_in(config: &DropInConfig) -> Checked {
         "hard_reset_cost",
         format!("the cost of a hard reset is {cost}; it must be finite and not negative"),
     )?;
+    calibration(config.calibration_resets, config.reset_task.as_ref())?;
     let settings = &config.shield;
     ensure(!settings.rules.is_empty(), "shield.rules", "a shield without any rule would never abort")?;
     shield(settings)?;

@@ -63,7 +63,7 @@ impl DropInFile {
             memory: learns.then_some(memory),
         };
         let settings = CycleSettings {
-            attempt_length: config.episode_length,
+            episode_length: config.episode_length,
             explores: learns,
             values_attempts: false,
             stores_forward: false,
@@ -72,6 +72,7 @@ impl DropInFile {
         };
         let lengths = [spaces.observation_len(), spaces.action_len()];
         DropIn::new(ResetCycle::new(settings, parts, lengths), task)
+            .and_then(|drop_in| drop_in.with_calibration_resets(config.calibration_resets))
             .map_err(|error| workshop.refused("shield", &error))
     }
 }

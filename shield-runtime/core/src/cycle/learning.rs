@@ -51,7 +51,7 @@ impl ResetCycle {
     fn is_last(&self, tally: &Tally) -> bool {
         let limit = match self.turn {
             AgentRole::Forward => self.settings.forward_length,
-            AgentRole::Reset => Some(self.settings.attempt_length),
+            AgentRole::Reset => Some(self.attempt_length()),
         };
         limit.is_some_and(|limit| tally.length >= limit)
     }

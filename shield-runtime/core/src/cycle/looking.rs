@@ -8,6 +8,7 @@ use crate::{
     critic::Critic,
     events::Counters,
     experience::AgentRole,
+    settings::AttemptLength,
     shield::Ladder,
 };
 
@@ -72,6 +73,16 @@ impl ResetCycle {
     /// Steps of the present episode.
     pub fn episode_length(&self) -> u64 {
         self.episode.map_or(0, |episode| episode.length)
+    }
+
+    /// Steps after which the present attempt, or the next one, is over.
+    pub fn attempt_length(&self) -> u64 {
+        let most = self.settings.episode_length;
+        match self.settings.attempt_length {
+            AttemptLength::Episode => most,
+            AttemptLength::Steps(steps) => steps,
+            AttemptLength::Adaptive => self.attempts.granted(most),
+        }
     }
 
     /// Everything that was counted.

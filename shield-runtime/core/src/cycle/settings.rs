@@ -1,6 +1,6 @@
 //! What the reset cycle does, and what it teaches.
 
-use crate::settings::{BetweenAttempts, Endings, Mode, OnAbort, ResetTest, Updates};
+use crate::settings::{AttemptLength, BetweenAttempts, Endings, Mode, OnAbort, ResetTest, Updates};
 
 /// Settings of a [`ResetCycle`](super::ResetCycle). The defaults are those of an experiment.
 #[derive(Debug, Clone)]
@@ -9,8 +9,10 @@ pub struct CycleSettings {
     pub mode: Mode,
     /// Steps after which a forward episode is over; `None` where the caller ends it.
     pub forward_length: Option<u64>,
-    /// Steps after which an attempt is over.
-    pub attempt_length: u64,
+    /// Steps of an episode, as attempts are measured by it.
+    pub episode_length: u64,
+    /// When an attempt is over.
+    pub attempt_length: AttemptLength,
     /// N: failed attempts in a row after which a hard reset is needed; `None` forbids hard resets.
     pub reset_attempts: Option<u32>,
     /// Which states of an attempt count for its success.
@@ -47,7 +49,8 @@ impl Default for CycleSettings {
         Self {
             mode: Mode::Shielded,
             forward_length: None,
-            attempt_length: 500,
+            episode_length: 500,
+            attempt_length: AttemptLength::default(),
             reset_attempts: Some(1),
             reset_test: ResetTest::default(),
             between_attempts: BetweenAttempts::default(),

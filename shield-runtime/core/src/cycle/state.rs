@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use shield_api::{AbortRule, Error, Result};
 
-use super::{CycleParts, ResetCycle, undoing::SinceReset};
+use super::{CycleParts, ResetCycle, attempts::AttemptLengths, undoing::SinceReset};
 use crate::{
     agent::{Agent, AgentState, ForwardAgent},
     critic::{Critic, CriticState},
@@ -44,6 +44,7 @@ pub struct UndoState {
     since_reset: SinceReset,
     start_probabilities: Option<Vec<f32>>,
     diagnosis: Diagnosis,
+    attempts: AttemptLengths,
 }
 
 impl UndoState {
@@ -161,12 +162,13 @@ impl ResetCycle {
                 .as_ref()
                 .and_then(|ladder| ladder.start_probabilities().map(<[f32]>::to_vec)),
             diagnosis: self.diagnosis,
+            attempts: self.attempts,
         })
     }
 
-    /// Goes on from what was counted and found: nothing is told twice.
+    /// Goes on from what was counted and found: nothing is told twice, and the next attempt is as long as it would have been.
     pub fn restore_diagnosis(&mut self, state: &UndoState) {
-        self.diagnosis = state.diagnosis;
+        (self.diagnosis, self.attempts) = (state.diagnosis, state.attempts);
     }
 
     /// Goes on within the episode in which `state` was saved; what was learned is [restored](CycleParts::restore_undo) apart.

@@ -1,14 +1,14 @@
 //! What belongs to undo probabilities: how attempts ended, what was expected of them, and aborts with nothing to undo.
 
 use serde::{Deserialize, Serialize};
-use shield_api::{ActMode, ObservedAttempt, Result, StepOutcome};
+use shield_api::{ActMode, ObservedAttempt, Result, StepOutcome, metrics::report};
 
 use super::{CycleParts, Memory, ResetCycle};
 use crate::{
     decision::Cause,
     events::{AttemptOutcome, EpisodeEnd, EpisodeEvent, Tally},
     experience::{AgentRole, Attempt},
-    settings::Mode,
+    settings::{AttemptLength, Mode},
 };
 
 /// Aborts with nothing to undo in a row, after which the reset agent takes over all the same: no step is made meanwhile.
@@ -115,6 +115,20 @@ impl ResetCycle {
             self.begin_to_measure();
         }
         Some(if has_reset { AttemptOutcome::Succeeded } else { AttemptOutcome::Failed })
+    }
+
+    /// Notes how long the episode was that ends, since the next attempt is measured by it.
+    pub(super) fn note_length(&mut self, role: AgentRole, length: u64, end: EpisodeEnd, has_reset: bool) {
+        match role {
+            AgentRole::Forward => self.attempts.note_forward(length),
+            AgentRole::Reset if has_reset && !end.is_cut() => self.attempts.note_success(length),
+            AgentRole::Reset if end == EpisodeEnd::TimeLimit => self.attempts.note_time_out(),
+            AgentRole::Reset => {}
+        }
+        if self.settings.attempt_length == AttemptLength::Adaptive {
+            let length = self.attempt_length() as f64;
+            self.metrics.collect(|| report("attempt_length", length));
+        }
     }
 
     /// At the start of an attempt: what the reset agent's values and the success critic expect of its greedy action. Only reports depend on

@@ -82,6 +82,19 @@ pub enum Finding {
         /// The accepted share.
         accepted: f64,
     },
+    /// Attempts, whether they succeed or not, take nearly all steps.
+    FewForwardSteps {
+        /// Steps of the forward agent.
+        forward: u32,
+        /// Steps that were looked at.
+        steps: u32,
+        /// Attempts that ended in them.
+        attempts: u32,
+        /// Of these, attempts that succeeded.
+        successes: u32,
+        /// Of these, attempts in which the environment terminated.
+        ended: u32,
+    },
     /// Attempts succeed, but take most of the steps.
     SlowReturn {
         /// Attempts that succeeded.
@@ -95,12 +108,24 @@ pub enum Finding {
     },
 }
 
+/// What to do where attempts succeed and take too long.
+const SOONER_BACK: &str = "If that goes on: make the reset set easier to reach (`in_reset_set` or `reset_task`: let it hold wherever the task can begin anew), give \
+     a reset agent that knows the way (`reset_policy`, `reset`), or accept a larger risk (`accepted_risk`), with which episodes last longer";
+/// What to do where the environment ends attempts.
+const GO_ON: &str = "If that goes on: do not let it terminate where it could go on (in Gymnasium often \
+     `terminate_when_unhealthy=False`), or give a reset agent that does not end it (`reset_policy`, `reset`); where a hard reset costs \
+     little, train without a shield";
+/// What to do where attempts run out of time.
+const BETTER_AGENT: &str = "If that goes on: let episodes be shorter, so that there is less to undo and the reset agent gets more attempts; \
+     widen the reset set (`in_reset_set`, `reset_task`); give an agent that knows the way (`reset_policy`, `reset`), or more time to attempts that \
+     need it (`shield.attempt_length`)";
+
 /// The share of steps that the task should have: the aim by which "most of the steps" is explained.
 const GOOD_SHARE: f64 = 0.6;
 
 impl Finding {
     /// How many kinds there are.
-    pub const KINDS: usize = 10;
+    pub const KINDS: usize = 11;
 
     /// Its name, which stays.
     pub fn name(&self) -> &'static str {
@@ -114,6 +139,7 @@ impl Finding {
             Self::ResetsTruncated { .. } => "resets-truncated",
             Self::EpisodesTerminate { .. } => "episodes-terminate",
             Self::RiskExceeded { .. } => "risk-exceeded",
+            Self::FewForwardSteps { .. } => "few-forward-steps",
             Self::SlowReturn { .. } => "slow-return",
         }
     }
@@ -144,16 +170,9 @@ impl fmt::Display for Finding {
                 write!(f, "the last {attempts} attempts to reset had no success in {steps} steps")?;
                 f.write_str(if has_succeeded { "" } else { ", nor did any before" })?;
                 if 2 * ended > attempts {
-                    return write!(
-                        f,
-                        ": in {ended} of them the environment terminated. Do not let it terminate where it could go on (in Gymnasium often \
-                         `terminate_when_unhealthy=False`), or use a reset agent that does not end it (`reset`)"
-                    );
+                    return write!(f, ": in {ended} of them the environment terminated. {GO_ON}");
                 }
-                f.write_str(
-                    ". If that goes on: give attempts more time (`episode_length`), widen the reset set (`reset_task`, `in_reset_set`), \
-                     or use a reset agent that learns faster (`reset`, `experience.updates_per_step`) or needs not learn",
-                )
+                write!(f, ". {BETTER_AGENT}")
             }
             Self::NothingAllowed { decisions, steps } => write!(
                 f,
@@ -176,7 +195,8 @@ impl fmt::Display for Finding {
                 f,
                 "{terminated} of the last {episodes} forward episodes ended because the environment terminated, after {mean_length:.0} steps on \
                  average: then nothing can be undone, and each costs a hard reset. If the environment could go on, do not let it terminate \
-                 (in Gymnasium often `terminate_when_unhealthy=False`); else lower `accepted_risk`, so that the reset agent takes over earlier"
+                 (in Gymnasium often `terminate_when_unhealthy=False`); else lower `accepted_risk`, so that the reset agent takes over earlier. \
+                 Where a hard reset costs little, train without a shield"
             ),
             Self::RiskExceeded { failures, ended, attempts, accepted } => {
                 write!(
@@ -185,12 +205,27 @@ impl fmt::Display for Finding {
                     percent(f64::from(failures) / f64::from(attempts.max(1))),
                     percent(accepted)
                 )?;
-                f.write_str(if 2 * ended > failures {
-                    "Most of them because the environment terminated: let the critic learn more \
-                     (`experience.updates_per_step`), raise `initial_threshold`, or do not let the environment terminate where it could go on"
+                if 2 * ended > failures {
+                    write!(f, "Most of them because the environment terminated. {GO_ON}")
                 } else {
-                    "The threshold cannot make up for a reset agent that fails from states near the start: give attempts more time \
-                     (`episode_length`), let it learn more (`experience.updates_per_step`), or accept more (`accepted_risk`)"
+                    write!(
+                        f,
+                        "No threshold makes up for a reset agent that fails from states near the start. {BETTER_AGENT}"
+                    )
+                }
+            }
+            Self::FewForwardSteps { forward, steps, attempts, successes, ended } => {
+                write!(
+                    f,
+                    "only {forward} of the last {steps} steps were those of the task; the others were spent on attempts to reset, \
+                     {successes} of {attempts} with success. "
+                )?;
+                f.write_str(if 2 * successes >= attempts && attempts > 0 {
+                    SOONER_BACK
+                } else if 2 * ended > attempts {
+                    GO_ON
+                } else {
+                    BETTER_AGENT
                 })
             }
             Self::SlowReturn { successes, attempts, attempt_length, forward_length } => write!(

@@ -12,7 +12,7 @@ use crate::{
     critic::Critic,
     cycle::{CycleParts, CycleSettings, Memory, ResetCycle},
     experience::{AgentRole, Experience},
-    settings::{Endings, ProjectionConfig, Updates},
+    settings::{AttemptLength, Endings, ProjectionConfig, Updates},
     shield::{LadderParts, RuleTree},
 };
 
@@ -48,6 +48,7 @@ pub struct DropInBuilder {
     reset_agent: Box<dyn Learner>,
     success_critic: Option<Box<dyn SuccessCritic>>,
     reset_task: Option<Box<dyn ResetTask>>,
+    calibration_resets: u32,
     ladder: LadderParts,
     learning: Option<Learning>,
     settings: CycleSettings,
@@ -60,6 +61,7 @@ impl DropInBuilder {
             reset_agent,
             success_critic: None,
             reset_task: None,
+            calibration_resets: 0,
             ladder: LadderParts::default(),
             learning: None,
             settings: CycleSettings {
@@ -129,6 +131,13 @@ impl DropInBuilder {
         self
     }
 
+    /// Further starts that the reset task is to be shown before the first step ([`DropIn::calibration_resets`]). Default: 0.
+    #[must_use]
+    pub fn calibration_resets(mut self, number: u32) -> Self {
+        self.calibration_resets = number;
+        self
+    }
+
     /// Failed attempts in a row after which a hard reset is needed (default 1); `None`: never.
     #[must_use]
     pub fn reset_attempts(mut self, limit: Option<u32>) -> Self {
@@ -139,7 +148,15 @@ impl DropInBuilder {
     /// Steps after which an attempt that has not seen the reset set has failed. Default: 500.
     #[must_use]
     pub fn attempt_length(mut self, steps: u64) -> Self {
-        self.settings.attempt_length = steps;
+        (self.settings.episode_length, self.settings.attempt_length) = (steps, AttemptLength::Episode);
+        self
+    }
+
+    /// As [`attempt_length`](Self::attempt_length), but an attempt has failed sooner where others succeeded in fewer steps
+    /// ([`AttemptLength::Adaptive`]).
+    #[must_use]
+    pub fn attempt_length_at_most(mut self, steps: u64) -> Self {
+        (self.settings.episode_length, self.settings.attempt_length) = (steps, AttemptLength::Adaptive);
         self
     }
 
@@ -166,7 +183,7 @@ impl DropInBuilder {
         if self.ladder.rules.is_empty() {
             return Err(Error::invalid_config("a shield without any rule would never abort"));
         }
-        if settings.reset_attempts == Some(0) || settings.attempt_length == 0 {
+        if settings.reset_attempts == Some(0) || settings.episode_length == 0 {
             return Err(Error::invalid_config(
                 "there is at least one attempt to reset, of at least one step",
             ));
@@ -193,6 +210,7 @@ impl DropInBuilder {
         let sampler = Pcg64::seed_from_u64(seed.wrapping_add(2));
         let success = self.success_critic.map(|critic| Critic::new(critic, batch, &spaces, sampler));
         let parts = CycleParts { forward: None, reset: Some(reset), success, ladder: Some(ladder), memory };
-        DropIn::new(ResetCycle::new(settings, parts, lengths), self.reset_task)
+        DropIn::new(ResetCycle::new(settings, parts, lengths), self.reset_task)?
+            .with_calibration_resets(self.calibration_resets)
     }
 }

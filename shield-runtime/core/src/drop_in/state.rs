@@ -162,6 +162,8 @@ impl DropIn {
     }
 
     fn take_over(&mut self, state: DropInState) -> Result<()> {
+        // What they would teach is in the task's state.
+        self.calibration_resets = 0;
         let ShieldState { agent, rules, exploration_replaced, .. } = state.shield;
         self.cycle.restore_diagnosis(&state.undo);
         let parts = self.cycle.parts_mut();

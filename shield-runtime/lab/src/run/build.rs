@@ -251,6 +251,7 @@ fn loop_settings(experiment: &Experiment) -> LoopSettings {
     };
     LoopSettings {
         cycle,
+        calibration_resets: experiment.calibration_resets,
         steps: experiment.steps,
         record: experiment.record,
         checkpoint_every: experiment.checkpoint.as_ref().map(|checkpoint| checkpoint.every),

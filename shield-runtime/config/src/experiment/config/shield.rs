@@ -5,7 +5,8 @@ use std::sync::LazyLock;
 use serde::{Deserialize, Serialize};
 
 use super::{
-    BetweenAttempts, ExperienceConfig, OnAbort, PluginChoice, ProjectionConfig, ResetTest, RuleConfig,
+    AttemptLength, BetweenAttempts, ExperienceConfig, OnAbort, PluginChoice, ProjectionConfig, ResetTest,
+    RuleConfig,
 };
 use shield_core::cycle::CycleSettings;
 use shield_host::plugin::Kind;
@@ -30,6 +31,8 @@ pub struct ShieldConfig {
     pub between_attempts: BetweenAttempts,
     /// A reset episode ends as soon as the reset set is reached.
     pub stop_on_reset: bool,
+    /// Steps after which a reset episode that has not succeeded has failed.
+    pub attempt_length: AttemptLength,
     /// Steps at the beginning during which rules that need learned values are not asked: untrained values would abort everything for ever.
     pub warm_up_steps: u64,
     /// The rules judge the reset agent's exploratory actions too; a rejected one is replaced by its greedy action.
@@ -52,6 +55,7 @@ impl Default for ShieldConfig {
             reset_test: ResetTest::default(),
             between_attempts: BetweenAttempts::default(),
             stop_on_reset: true,
+            attempt_length: AttemptLength::default(),
             warm_up_steps: 1_000,
             shield_exploration: false,
             on_abort: OnAbort::default(),
@@ -91,6 +95,7 @@ pub fn cycle_settings(shield: &ShieldConfig, experience: &ExperienceConfig) -> C
         reset_test: shield.reset_test,
         between_attempts: shield.between_attempts,
         stop_on_reset: shield.stop_on_reset,
+        attempt_length: shield.attempt_length,
         shield_exploration: shield.shield_exploration,
         on_abort: shield.on_abort,
         endings: experience.endings(),
