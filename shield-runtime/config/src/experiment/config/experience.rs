@@ -47,7 +47,7 @@ impl Default for ExperienceConfig {
             on_reset_success: OnResetSuccess::default(),
             on_reset_failure: OnResetFailure::default(),
             abort_lifetime: None,
-            failure_share: 0.25,
+            failure_share: 0.5,
             success_share: 0.125,
             outcome_half_life: 15.0,
             cost_weight: 0.0,

@@ -93,7 +93,7 @@ Experiment(
         on_reset_success: Bootstrap,
         on_reset_failure: Bootstrap,
         abort_lifetime: None,
-        failure_share: 0.25,
+        failure_share: 0.5,
         success_share: 0.125,
         outcome_half_life: 15.0,
         cost_weight: 0.0,
