@@ -2,6 +2,7 @@
 
 import gymnasium
 import numpy as np
+import shield
 from gymnasium import spaces
 
 EDGE = 1.0
@@ -82,3 +83,11 @@ BELOW_HALF = {
     "shield.projection": None,
     "experience.batch": 100_000,
 }
+
+
+def act(value):
+    return np.array([value], np.float32)
+
+
+def shielded(env=None, in_reset_set=near_start, overrides=BELOW_HALF, **arguments):
+    return shield.ShieldedEnv(env or table(), in_reset_set=in_reset_set, overrides=overrides, **arguments)

@@ -196,14 +196,14 @@ fn every_plugin_is_a_shared_library_alone() {
     }
 }
 
-/// Our own source files in Rust, below a folder.
+/// Our own source files in Rust and Python, below a folder.
 fn sources(folder: &Path, found: &mut Vec<PathBuf>) {
     for entry in std::fs::read_dir(folder).unwrap() {
         let (kind, path) = entry.map(|entry| (entry.file_type().unwrap(), entry.path())).unwrap();
         let name = path.file_name().unwrap().to_str().unwrap();
         if kind.is_dir() && !["target", "native"].contains(&name) && !name.starts_with('.') {
             sources(&path, found);
-        } else if kind.is_file() && path.extension().is_some_and(|extension| extension == "rs") {
+        } else if kind.is_file() && path.extension().is_some_and(|kind| kind == "rs" || kind == "py") {
             found.push(path);
         }
     }
