@@ -202,6 +202,7 @@ fn film(
     (loop_settings.evaluate_every, loop_settings.checkpoint_every) = (None, None);
     if is_of_run {
         loop_settings.cycle.updates_per_step = 0;
+        loop_settings.cycle.reset_updates_per_step = None;
     }
     loop_settings.steps = arguments.train_steps + if is_loop { arguments.steps } else { 0 };
     let progress = Progress::new(&MultiProgress::new(), "filming".into(), loop_settings.steps, 0);

@@ -116,6 +116,15 @@ fn each_step_makes_the_configured_number_of_updates() {
     let seen = scene.reset.as_ref().unwrap().seen.clone();
     scene.run();
     assert_eq!(seen.lock().unwrap().len(), 18);
+
+    // The reset agent may have a number of its own.
+    let mut scene = Scene::new(12);
+    (scene.settings.cycle.updates, scene.settings.cycle.reset_updates_per_step) = (Updates::Both, Some(2));
+    let forward = Scripted::acting(|_, _| 1.0);
+    let (by_forward, by_reset) = (forward.seen.clone(), scene.reset.as_ref().unwrap().seen.clone());
+    scene.forward = forward_learner(forward);
+    scene.run();
+    assert_eq!([by_forward, by_reset].map(|seen| seen.lock().unwrap().len()), [12, 24]);
 }
 
 #[test]

@@ -54,7 +54,7 @@ impl DropInFile {
         let memory = workshop.memory(learned, members, success.as_ref(), &spaces)?;
         let sampler = workshop.generator(Stream::ResetBatches);
         let reset = Agent::new(AgentRole::Reset, reset, learned.batch, &spaces, sampler);
-        let learns = learned.updates_per_step > 0;
+        let learns = learned.reset_updates_per_step.unwrap_or(learned.updates_per_step) > 0;
         let parts = CycleParts {
             forward: None,
             reset: Some(reset),

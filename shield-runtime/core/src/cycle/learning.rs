@@ -91,7 +91,8 @@ impl ResetCycle {
     }
 
     fn learn(&mut self) -> Result<()> {
-        let CycleSettings { updates, updates_per_step, .. } = self.settings;
+        let CycleSettings { updates, updates_per_step, reset_updates_per_step, .. } = self.settings;
+        let reset_updates = reset_updates_per_step.unwrap_or(updates_per_step);
         let learns = |role| self.turn == role || updates == Updates::Both;
         let CycleParts { forward, reset, success, memory: Some(Memory { experience, .. }), .. } =
             &mut self.parts
@@ -102,10 +103,10 @@ impl ResetCycle {
             forward.learn(experience, updates_per_step)?;
         }
         if let Some(reset) = reset.as_mut().filter(|_| learns(AgentRole::Reset)) {
-            reset.learn(experience, updates_per_step)?;
+            reset.learn(experience, reset_updates)?;
         }
         if let (Some(success), Some(reset)) = (success, reset) {
-            success.learn(experience, reset.learner(), updates_per_step)?;
+            success.learn(experience, reset.learner(), reset_updates)?;
         }
         Ok(())
     }

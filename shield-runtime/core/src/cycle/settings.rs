@@ -38,6 +38,8 @@ pub struct CycleSettings {
     pub updates: Updates,
     /// Updates after each step.
     pub updates_per_step: usize,
+    /// The same of the reset agent and the success critic alone; `None`: as many as the others.
+    pub reset_updates_per_step: Option<usize>,
     /// A factor to the costs of hard resets.
     pub hard_reset_cost: f64,
     /// How much of a hard reset's cost the reset agent loses in the reward of the step before it.
@@ -63,6 +65,7 @@ impl Default for CycleSettings {
             endings: Endings::default(),
             updates: Updates::default(),
             updates_per_step: 1,
+            reset_updates_per_step: None,
             hard_reset_cost: 1.0,
             cost_weight: 0.0,
         }

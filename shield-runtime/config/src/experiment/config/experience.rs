@@ -15,6 +15,8 @@ pub struct ExperienceConfig {
     pub batch: usize,
     /// Updates after each environment step, of each agent that learns.
     pub updates_per_step: usize,
+    /// The same of the reset agent and the success critic alone. `None`: as many as the others.
+    pub reset_updates_per_step: Option<usize>,
     /// Who learns after a step.
     pub updates: Updates,
     /// Probability that an ensemble member learns from a transition (Osband et al. 2016); 1 gives every member everything.
@@ -42,6 +44,7 @@ impl Default for ExperienceConfig {
             capacity: 1_000_000,
             batch: 64,
             updates_per_step: 1,
+            reset_updates_per_step: None,
             updates: Updates::default(),
             bootstrap_probability: 1.0,
             on_reset_success: OnResetSuccess::default(),

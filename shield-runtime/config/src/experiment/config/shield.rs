@@ -101,6 +101,7 @@ pub fn cycle_settings(shield: &ShieldConfig, experience: &ExperienceConfig) -> C
         endings: experience.endings(),
         updates: experience.updates,
         updates_per_step: experience.updates_per_step,
+        reset_updates_per_step: experience.reset_updates_per_step,
         cost_weight: experience.cost_weight,
         ..CycleSettings::default()
     }

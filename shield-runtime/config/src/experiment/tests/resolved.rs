@@ -88,6 +88,7 @@ Experiment(
         capacity: 1000000,
         batch: 64,
         updates_per_step: 1,
+        reset_updates_per_step: None,
         updates: Active,
         bootstrap_probability: 1.0,
         on_reset_success: Bootstrap,
