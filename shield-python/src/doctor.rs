@@ -11,7 +11,10 @@ use shield_runtime::{
     plugin::{Registry, SearchPath},
 };
 
-use crate::{Actions, Set, config_error, failed, read, spaces};
+use crate::{
+    config_error, failed,
+    given::{Actions, Set, read, spaces},
+};
 
 /// Name, one word for how it stands, what was seen, and what to do.
 type Checked = (&'static str, &'static str, String, String);

@@ -4,10 +4,12 @@
 #![forbid(unsafe_code)]
 
 mod doctor;
+mod given;
+mod record;
 mod reset_policy;
 
 use std::{
-    path::{Path, PathBuf},
+    path::PathBuf,
     sync::{Arc, Mutex, MutexGuard},
 };
 
@@ -19,17 +21,22 @@ use pyo3::{
     sync::MutexExt,
     types::PyDict,
 };
-use shield_api::{Phase, ResetSignal, Space, Spaces, USUAL_ACCEPTED_RISK};
+use shield_api::{Phase, ResetSignal, USUAL_ACCEPTED_RISK};
 use shield_runtime::{
     cycle::HardResetDue,
     decision::Decision,
     drop_in::DropIn,
     drop_in_files,
-    experiment::{Defaults, DropInFile, InputError, Override},
+    experiment::{Defaults, DropInFile, InputError},
     plugin::{Registry, SearchPath},
+    record::RecordSettings,
 };
 
-use self::reset_policy::ResetPolicy;
+use self::{
+    given::{Actions, Set, copy, read, spaces},
+    record::Record,
+    reset_policy::ResetPolicy,
+};
 
 create_exception!(shield, ConfigError, PyValueError, "A setting that must be changed, with its place.");
 /// A finding: its name and its sentence.
@@ -45,24 +52,23 @@ fn failed(error: impl std::fmt::Display) -> PyErr {
     ShieldError::new_err(error.to_string())
 }
 
-/// An action space as the package gives it.
-#[derive(FromPyObject)]
-enum Actions {
-    Choices(usize),
-    Bounds((Vec<f32>, Vec<f32>)),
-}
-
-/// Path, RON value, and what the user had written.
-type Set = (String, String, String);
-
 /// What was decided: verdict, the means of the reset ensemble's values and of the undo probabilities, the rule's number (−1: none), cause and
 /// reason.
 type Verdict<'a> = (&'static str, f32, f32, i64, String, String);
 
 struct Inside {
     drop_in: DropIn,
+    record: Option<Arc<shield_runtime::record::Record>>,
     observation: Vec<f32>,
     action: Vec<f32>,
+}
+
+impl Inside {
+    /// How many findings there are, and whether the record has something to tell, which counts as one.
+    fn told(&self) -> usize {
+        let has_trouble = self.record.as_ref().is_some_and(|record| record.has_trouble());
+        self.drop_in.findings().count() + usize::from(has_trouble)
+    }
 }
 
 /// A drop-in shield. The package's `Shield` gives it arrays of the right shape and type.
@@ -78,6 +84,9 @@ struct Core {
     has_reset_task: bool,
     /// The user's, in the place of a reset agent that learns.
     reset_policy: Option<Arc<ResetPolicy>>,
+    /// What it was made from.
+    file: DropInFile,
+    plugins: PathBuf,
 }
 
 impl Core {
@@ -104,37 +113,6 @@ impl Core {
         let inside = self.lock(py)?;
         Ok(body(&inside.drop_in))
     }
-}
-
-/// The configuration in a file, or without one the usual one, with overrides.
-fn read(config: Option<&Path>, usual: Defaults, sets: &[Set]) -> PyResult<DropInFile> {
-    let sets = sets.iter().map(|(path, value, written)| Override::new(path, value, written));
-    let sets = sets.collect::<Result<Vec<_>, _>>().map_err(config_error)?;
-    config.map_or_else(|| usual.file(&sets), |path| DropInFile::read(path, &sets)).map_err(config_error)
-}
-
-fn spaces(observation: (Vec<f32>, Vec<f32>), action: Actions) -> PyResult<Spaces> {
-    let as_box = |(low, high)| Space::Box { low, high };
-    let action = match action {
-        Actions::Choices(n) => Space::Discrete { n },
-        Actions::Bounds(bounds) => as_box(bounds),
-    };
-    let spaces = Spaces { observation: as_box(observation), action };
-    for (name, space) in [("observation", &spaces.observation), ("action", &spaces.action)] {
-        space.validate(name).map_err(|error| ConfigError::new_err(error.message().to_owned()))?;
-    }
-    Ok(spaces)
-}
-
-/// Copies an array, whose length the package has seen to.
-fn copy(name: &str, array: &PyReadonlyArray1<'_, f32>, into: &mut [f32]) -> PyResult<()> {
-    let array = array.as_slice()?;
-    if array.len() != into.len() {
-        let message = format!("{name} has {} numbers, not {}", array.len(), into.len());
-        return Err(PyValueError::new_err(message));
-    }
-    into.copy_from_slice(array);
-    Ok(())
 }
 
 #[pymethods]
@@ -171,15 +149,41 @@ impl Core {
             let rules = file.config.rules().map(|choice| choice.plugin.clone()).collect();
             let observation = vec![0.0; drop_in.spaces().observation_len()];
             let action = vec![0.0; drop_in.spaces().action_len()];
-            let inside = Mutex::new(Inside { drop_in, observation, action });
+            let inside = Mutex::new(Inside { drop_in, record: None, observation, action });
             Ok(Self {
                 inside,
                 process: std::process::id(),
                 rules,
                 has_reset_task: file.config.reset_task.is_some(),
                 reset_policy,
+                file,
+                plugins,
             })
         })
+    }
+
+    /// Begins a record of what is decided, in a folder that is new or empty. `every`: the decisions of every n-th step, and every rejection;
+    /// `limit`: decisions after which it ends.
+    #[pyo3(signature = (folder, every, limit))]
+    fn record(
+        &self,
+        py: Python<'_>,
+        folder: PathBuf,
+        every: Option<u64>,
+        limit: Option<u64>,
+    ) -> PyResult<Record> {
+        let usual = RecordSettings::default();
+        let settings = RecordSettings {
+            decisions: every.unwrap_or(usual.decisions),
+            limit: limit.unwrap_or(usual.limit),
+        };
+        let begun = self.with(py, |inside| {
+            let registry = Registry::scan(&SearchPath::beside(&self.plugins));
+            let (drop_in, file) = (&mut inside.drop_in, &self.file);
+            let begun = shield_runtime::record::Record::begin(drop_in, file, &registry, &folder, settings);
+            begun.map(|record| Arc::clone(inside.record.insert(Arc::new(record))))
+        })?;
+        begun.map(Record::new).map_err(|error| ConfigError::new_err(format!("record: {error:#}")))
     }
 
     /// Decides on an action; afterwards `action` holds what may be executed.
@@ -199,7 +203,7 @@ impl Core {
         Ok(verdict(&inside.drop_in, decision.map_err(failed)?))
     }
 
-    /// What was executed led to this observation. Returns how many findings there are. `signal`: reset reward and whether it is in the reset set, if there
+    /// What was executed led to this observation. Returns how many findings there are, and one more if the record has something to tell. `signal`: reset reward and whether it is in the reset set, if there
     /// is no reset task. `irreversible`: nothing follows but a count.
     fn observe(
         &self,
@@ -335,7 +339,7 @@ impl Core {
         let seen = py.detach(|| body(&mut inside.drop_in, &inside.observation));
         self.raise(inside)?;
         seen.map_err(failed)?;
-        Ok(inside.drop_in.findings().count())
+        Ok(inside.told())
     }
 
     /// What the user's reset policy raised reaches the user as it is. Nothing may move then before a hard reset.
@@ -365,34 +369,13 @@ fn verdict(drop_in: &DropIn, decision: Decision) -> Verdict<'static> {
     (name, value, probability, rule, rejection.cause.to_string(), drop_in.reason().to_owned())
 }
 
-fn usual(is_discrete: bool) -> Defaults {
-    if is_discrete { Defaults::Discrete } else { Defaults::Box }
-}
-
-/// The configuration that is used for a box of actions, or for a choice of them.
-#[pyfunction]
-fn usual_config(is_discrete: bool) -> &'static str {
-    usual(is_discrete).text()
-}
-
-/// The RON text at a path of the configuration, the overrides applied; None where nothing is written.
-#[pyfunction]
-fn written_at(
-    config: Option<PathBuf>,
-    is_discrete: bool,
-    sets: Vec<Set>,
-    path: &str,
-) -> PyResult<Option<String>> {
-    let file = read(config.as_deref(), usual(is_discrete), &sets)?;
-    Ok(file.written_at(path).map(str::to_owned))
-}
-
 #[pymodule]
 fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<Core>()?;
     module.add_class::<doctor::Examination>()?;
-    module.add_function(wrap_pyfunction!(usual_config, module)?)?;
-    module.add_function(wrap_pyfunction!(written_at, module)?)?;
+    module.add_class::<Record>()?;
+    module.add_function(wrap_pyfunction!(given::usual_config, module)?)?;
+    module.add_function(wrap_pyfunction!(given::written_at, module)?)?;
     module.add("ConfigError", module.py().get_type::<ConfigError>())?;
     module.add("ShieldError", module.py().get_type::<ShieldError>())?;
     module.add("USUAL_RISK", USUAL_ACCEPTED_RISK)?;

@@ -44,7 +44,11 @@ impl ResetPolicy {
 
     fn call(&self, py: Python<'_>, observation: &[f32], action: &mut [f32]) -> PyResult<()> {
         let given = self.function.bind(py).call1((PyArray1::from_slice(py, observation),))?;
-        super::copy("the action of reset_policy", &given.extract::<PyReadonlyArray1<'_, f32>>()?, action)
+        super::given::copy(
+            "the action of reset_policy",
+            &given.extract::<PyReadonlyArray1<'_, f32>>()?,
+            action,
+        )
     }
 
     fn set_caller(&self, caller: Option<ThreadId>) {

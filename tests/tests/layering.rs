@@ -104,11 +104,12 @@ fn the_interface_the_workers_and_the_kits_depend_on_nothing_above_them() {
 }
 
 /// The crates of the runtime, from below, each with those on which it may build.
-const RUNTIME: [(&str, &[&str]); 7] = [
+const RUNTIME: [(&str, &[&str]); 8] = [
     ("shield-core", &["shield-api"]),
     ("shield-host", &["shield-api", "shield-worker"]),
     ("shield-config", &["shield-api", "shield-core", "shield-host"]),
-    ("shield-lab", &["shield-api", "shield-core", "shield-host", "shield-config"]),
+    ("shield-decisions", &["shield-api", "shield-core", "shield-host", "shield-config"]),
+    ("shield-lab", &["shield-api", "shield-core", "shield-host", "shield-config", "shield-decisions"]),
     ("shield-report", &["shield-api", "shield-core", "shield-host", "shield-config", "shield-lab"]),
     ("shield-check", &["shield-api", "shield-host"]),
     (
@@ -118,6 +119,7 @@ const RUNTIME: [(&str, &[&str]); 7] = [
             "shield-core",
             "shield-host",
             "shield-config",
+            "shield-decisions",
             "shield-lab",
             "shield-report",
             "shield-check",

@@ -25,6 +25,11 @@ def written_at(
     """The RON text at a path of the configuration, with the overrides; None where nothing is written."""
 
 @final
+class Record:
+    def flush(self) -> None: ...
+    def take_trouble(self) -> str | None: ...
+
+@final
 class Core:
     rules: list[str]
     has_reset_task: bool
@@ -38,6 +43,7 @@ class Core:
         tensorboard: str | os.PathLike[str] | None,
         reset_policy: Callable[[npt.NDArray[np.float32]], npt.NDArray[np.float32]] | None,
     ) -> Core: ...
+    def record(self, folder: str | os.PathLike[str], every: int | None, limit: int | None) -> Record: ...
     def filter(
         self, observation: npt.NDArray[np.float32], action: npt.NDArray[np.float32]
     ) -> tuple[str, float, float, int, str, str]: ...

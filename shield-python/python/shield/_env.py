@@ -157,6 +157,13 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         """Goes on from a file, as `Shield.load`. The next `reset` is the environment's own; what `calibration_resets` were for is in the file."""
         self.shield.load(path)
 
+    def close(self) -> None:
+        """Closes the environment, and writes what waits in memory of the `record`."""
+        try:
+            super().close()
+        finally:
+            self.shield.close()
+
     def _calibrate(self, seed: int | None, options: dict[str, Any] | None) -> None:
         """Before the first start, shows the reset task some others. The first start itself is that of its seed, with or without them."""
         for number in range(self.shield.calibration_resets):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import numbers
 import os
 from collections.abc import Callable, Mapping
 from typing import Any, TypedDict
@@ -18,6 +19,9 @@ class Settings(TypedDict, total=False):
     reset_policy: Callable[[Any], Any] | None
     config: str | os.PathLike[str] | None
     tensorboard: str | os.PathLike[str] | None
+    record: str | os.PathLike[str] | None
+    record_every: int | None
+    record_limit: int | None
     accepted_risk: float | None
     q_min: float | None
     warm_up_steps: int | None
@@ -121,6 +125,20 @@ def in_ron(name: str, value: Any) -> str:
     """The value of an argument as RON. A number of steps is one of several ways to say how long an attempt may be."""
     is_number = name == "attempt_length" and not isinstance(value, str)
     return f"Steps({ron(value)})" if is_number else ron(value)
+
+
+def recorded(settings: Settings) -> tuple[str | os.PathLike[str], int | None, int | None] | None:
+    """The folder of the record, how often decisions are recorded, and how many at most; None without a record."""
+    folder, amounts = settings.get("record"), []
+    for name in ("record_every", "record_limit"):
+        given = settings.get(name)
+        if given is not None:
+            if isinstance(given, bool) or not isinstance(given, numbers.Integral) or not 1 <= given < 2**63:
+                raise ConfigError(f"{name}={given!r}: it is a whole number, 1 or more")
+            if folder is None:
+                raise ConfigError(f"{name}={given!r}: nothing is recorded; name a folder, record=\"…\"")
+        amounts.append(None if given is None else int(given))
+    return None if folder is None else (folder, amounts[0], amounts[1])
 
 
 def ron(value: Any) -> str:

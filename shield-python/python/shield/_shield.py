@@ -6,14 +6,15 @@ import math
 import os
 import pathlib
 import warnings
+import weakref
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
 
-from ._core import Core, written_at
+from ._core import Core, Record, written_at
 from ._reset_policy import flat_policy
-from ._settings import Settings, accepted_risk_of, overrides, overrides_of_first_rule, refuse_unknown
+from ._settings import Settings, accepted_risk_of, overrides, overrides_of_first_rule, recorded, refuse_unknown
 from ._spaces import Floats, Observations, actions
 
 if TYPE_CHECKING:
@@ -131,6 +132,9 @@ class Shield:
       is also asked about observations of the past, so it must not remember anything. Its observations are rounded to 32-bit floats.
     - `config`: a RON file; without one, `usual_config(is_discrete)`.
     - `tensorboard`: a folder for an event file with counts and the reset agent's figures.
+    - `record`: a folder, new or empty, into which every decision is written; `shield explain` and `shield what-if` read it. Writing never changes a
+      decision: where it fails, the record ends with a `ShieldWarning`. `close`, `save` and the end of the program write what waits in memory.
+    - `record_every`: only the decisions of every n-th step (1), and every rejection. `record_limit`: decisions after which the record ends (1,000,000).
     - `accepted_risk`: the share of attempts to reset that may fail (0.2), for the rule `undo-probability`, which must be the first. A smaller one makes
       the shield stricter.
     - `q_min`: the least value at which an action is executed, for a first rule that has one, such as `ensemble-threshold`, in the rule's terms; where it
@@ -153,6 +157,7 @@ class Shield:
         self, observation_space: spaces.Space[Any], action_space: spaces.Space[Any], **settings: Unpack[Settings]
     ) -> None:
         refuse_unknown(settings)
+        record = recorded(settings)
         config = settings.get("config")
         self._meaning = Meaning(settings)
         #: Whether functions say what "reset" means, and no reset task.
@@ -181,6 +186,11 @@ class Shield:
             raise ValueError(NO_MEANING)
         #: How many findings were told.
         self._told = 0
+        self._record: Record | None = None
+        if record is not None:
+            self._record = self._core.record(*record)
+            # Nobody destroys what lives until the interpreter ends.
+            weakref.finalize(self, self._record.flush)
         self._seen: Floats = self._observations.empty()
         self._buffer: Floats = np.zeros(self._actions.length, np.float32)
 
@@ -244,11 +254,14 @@ class Shield:
             self._tell()
 
     def _tell(self) -> None:
-        """Warns of what was found since the last time."""
+        """Warns of what was found since the last time, and of a record that has ended."""
         new = self._core.findings(self._told)
         self._told += len(new)
         for name, text in new:
             warnings.warn(ShieldWarning(f"{text} [{name}]", name), stacklevel=3)
+        trouble = None if self._record is None else self._record.take_trouble()
+        if trouble is not None:
+            warnings.warn(ShieldWarning(f"{trouble} [record]", "record"), stacklevel=3)
 
     def findings(self) -> list[tuple[str, str]]:
         """What keeps the shield from helping, as far as it was found: name and sentence, the earliest first. Each was a `ShieldWarning`, too."""
@@ -311,6 +324,13 @@ class Shield:
         """Writes everything that was learned and counted into a file, in one step: a failure leaves the old file as it was. Only a regular file is replaced;
         a folder, a device, a pipe or a symbolic link of that name raises."""
         self._core.save(path)
+        self.close()
+
+    def close(self) -> None:
+        """Writes what waits in memory of the `record`, if there is one; whatever is decided afterwards is recorded as well."""
+        if self._record is not None:
+            self._record.flush()
+            self._tell()
 
     def load(self, path: str | os.PathLike[str]) -> None:
         """Goes on from a file of a shield with the same spaces, reset agent, rules and reset task, whatever the rules' settings and the capacity of the

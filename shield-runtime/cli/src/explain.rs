@@ -14,7 +14,7 @@ use super::{Failure, eval::one_run, output};
 /// Arguments of `shield explain`.
 #[derive(Args)]
 pub struct ExplainArguments {
-    /// The folder of a run, <OUT>/<experiment>/<variant>/seed-<n>.
+    /// The folder of a run, <OUT>/<experiment>/<variant>/seed-<n>, or the record of a drop-in, such as `record=` of Python's ShieldedEnv writes.
     run: PathBuf,
     /// The environment step whose rejection is explained; without it, the last one after a count of all.
     #[arg(long)]

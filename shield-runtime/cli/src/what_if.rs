@@ -8,10 +8,9 @@ use std::path::{Path, PathBuf};
 use clap::Args;
 use comfy_table::{Cell, CellAlignment, Table, presets::UTF8_FULL_CONDENSED};
 use indicatif::{ProgressBar, ProgressStyle};
-use shield_config::experiment::{ExperimentFile, Override, Variant};
 use shield_core::events::AttemptOutcome;
 use shield_host::plugin::Registry;
-use shield_lab::run::{Counterfactual, Replay, counterfactual, read_attempts, replay};
+use shield_lab::run::{Counterfactual, Recorded, Replay, counterfactual, read_attempts, replay};
 
 use self::settings::{Axis, Row, Settings};
 use super::{Failure, eval::one_run, output};
@@ -31,10 +30,11 @@ Examples:
   shield what-if runs/mine/shielded/seed-0 --risk 0.1,0.2
   shield what-if runs/mine/shielded/seed-0 --q-min 5,10,20 --combine min,mean
   shield what-if runs/mine/shielded/seed-0 --set shield.rules[0].config.relative=true
+  shield what-if record --risk 0.1,0.2       the record of a drop-in, such as `record=` in Python
   shield what-if runs/mine/shielded/seed-0 --calibration
   shield what-if runs/mine/shielded/seed-0 --counterfactual")]
 pub struct WhatIfArguments {
-    /// The folder of a run, <OUT>/<experiment>/<variant>/seed-<n>.
+    /// The folder of a run, <OUT>/<experiment>/<variant>/seed-<n>, or the record of a drop-in, such as `record=` of Python's ShieldedEnv writes.
     run: PathBuf,
     /// Accepted risks of the rule `undo-probability`, for example 0.1,0.2: shares of the attempts that may fail.
     #[arg(long, value_delimiter = ',', conflicts_with = "q_min")]
@@ -63,21 +63,27 @@ pub fn what_if(arguments: &WhatIfArguments, registry: &Registry) -> Result<(), F
         return calibration::print(&arguments.run);
     }
     if arguments.counterfactual {
+        if let Recorded::DropIn(_) = Recorded::read(&arguments.run, &[])? {
+            return Err(Failure::Input(format!(
+                "{} is the record of a shield in another program's loop, whose environment cannot be put back into a state from here: \
+                 --counterfactual needs a run of `shield run`",
+                arguments.run.display()
+            )));
+        }
         return print_counterfactual(&arguments.run, registry);
     }
-    let file = ExperimentFile::read(arguments.run.join("config.ron"))?;
-    let recorded = one_variant(&file, &[])?;
+    let recorded = Recorded::read(&arguments.run, &[])?;
     let axis = Axis::of(arguments, &recorded);
     let settings = Settings::of(arguments, axis)?;
     let mut rows = vec![(settings.as_recorded(&recorded), run(registry, &recorded, arguments)?)];
     for Row { cells, overrides } in settings.rows(&recorded)? {
-        rows.push((cells, run(registry, &one_variant(&file, &overrides)?, arguments)?));
+        rows.push((cells, run(registry, &Recorded::read(&arguments.run, &overrides)?, arguments)?));
     }
     output::result(table(&settings.headings(), &rows))?;
     if axis == Axis::Risk {
         output::result(told_of_attempts(&arguments.run)?)?;
     }
-    let every = recorded.experiment.record.decisions;
+    let every = recorded.every(&arguments.run).map_err(|error| Failure::Input(format!("{error:#}")))?;
     if every > 1 {
         output::result(format_args!(
             "Every rejection was recorded, but of the allowed decisions only one in {every} was recorded: shares are of what was recorded. \
@@ -87,13 +93,8 @@ pub fn what_if(arguments: &WhatIfArguments, registry: &Registry) -> Result<(), F
     Ok(())
 }
 
-fn one_variant(file: &ExperimentFile, sets: &[Override]) -> Result<Variant, Failure> {
-    let mut variants = file.variants(sets, None)?;
-    Ok(variants.remove(0))
-}
-
-fn run(registry: &Registry, variant: &Variant, arguments: &WhatIfArguments) -> Result<Replay, Failure> {
-    replay(registry, variant, &arguments.run).map_err(|error| Failure::Input(format!("{error:#}")))
+fn run(registry: &Registry, recorded: &Recorded, arguments: &WhatIfArguments) -> Result<Replay, Failure> {
+    replay(registry, recorded, &arguments.run).map_err(|error| Failure::Input(format!("{error:#}")))
 }
 
 /// What the rules heard of attempts, and what that leaves open.

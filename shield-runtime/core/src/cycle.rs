@@ -240,16 +240,23 @@ impl ResetCycle {
         self.settings.reset_attempts.is_some_and(|limit| self.failed_attempts >= limit)
     }
 
-    /// Hands over to the reset agent although nothing was aborted: the task is done. Returns whether it is in charge: not if nothing was
-    /// done since the last success, nor if a hard reset is due.
-    pub fn begin_reset(&mut self) -> bool {
-        if self.turn == AgentRole::Forward {
-            if self.since_reset.has_moved && self.hard_reset_due.is_none() {
-                self.finish(EpisodeEnd::TimeLimit);
-            }
-            self.episode = None;
+    /// Hands over to the reset agent although nothing was aborted: the task is done. Returns the forward episode that ends. The
+    /// reset agent's turn does not come if nothing was done since the last success, nor if a hard reset is due.
+    pub fn begin_reset(&mut self) -> Option<EpisodeEvent> {
+        if self.turn != AgentRole::Forward {
+            return None;
         }
-        self.turn == AgentRole::Reset
+        let is_due = self.since_reset.has_moved && self.hard_reset_due.is_none();
+        let ended = is_due.then(|| self.finish(EpisodeEnd::TimeLimit));
+        self.episode = None;
+        ended
+    }
+
+    /// The episode under way, as if it were cut short now; `None` before its first step.
+    pub fn interrupted(&self) -> Option<EpisodeEvent> {
+        let tally = self.episode.filter(|tally| tally.length > 0)?;
+        let cut = EpisodeEvent::of_forward(&tally, EpisodeEnd::Interrupted);
+        Some(EpisodeEvent { role: self.turn, ..cut })
     }
 
     /// Nothing may move before a hard reset.

@@ -130,11 +130,10 @@ impl Cause {
             _ => None,
         }
     }
-}
 
-impl fmt::Display for Cause {
-    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
-        formatter.write_str(match self {
+    /// Its name in records and in other languages.
+    pub fn name(self) -> &'static str {
+        match self {
             Self::Rejected => "rejected",
             Self::Infeasible => "infeasible",
             Self::StillRejected => "still_rejected",
@@ -151,6 +150,12 @@ impl fmt::Display for Cause {
             Self::Deadline => "deadline",
             Self::ResetFailed => "reset_failed",
             Self::AwaitsHardReset => "awaits_hard_reset",
-        })
+        }
+    }
+}
+
+impl fmt::Display for Cause {
+    fn fmt(&self, formatter: &mut fmt::Formatter<'_>) -> fmt::Result {
+        formatter.write_str(self.name())
     }
 }

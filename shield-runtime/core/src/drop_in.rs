@@ -7,10 +7,12 @@ mod builder;
 mod calibration;
 mod looking;
 mod metrics;
+mod observing;
 mod state;
 
 pub use builder::{DropInBuilder, Learning};
 pub use metrics::EpisodeLog;
+pub use observing::DropInObserver;
 pub use state::{DropInState, RestoreError};
 
 use shield_api::{
@@ -88,6 +90,7 @@ pub struct DropIn {
     /// Starts that the task is still to be shown before the first step.
     calibration_resets: u32,
     metrics: EpisodeMetrics,
+    observer: Option<Box<dyn DropInObserver>>,
 }
 
 impl DropIn {
@@ -105,7 +108,7 @@ impl DropIn {
         let (Some(_), Some(_)) = (&cycle.parts().ladder, &cycle.parts().reset) else {
             return Err(Error::invalid_argument("a shield needs rules and a reset agent"));
         };
-        Ok(Self { cycle, task, calibration_resets: 0, metrics: EpisodeMetrics::default() })
+        Ok(Self { cycle, task, calibration_resets: 0, metrics: EpisodeMetrics::default(), observer: None })
     }
 
     /// Everything is at its start, where `observation` is seen: before the first step, and after each hard reset.
@@ -122,13 +125,14 @@ impl DropIn {
     /// # Errors
     /// As for [`hard_reset_done`](Self::hard_reset_done).
     pub fn hard_reset_done_at(&mut self, observation: &[f32], is_inside: Option<bool>) -> Result<()> {
-        self.cycle.require_hard_reset(self.cycle.hard_reset_due().unwrap_or(HardResetDue::Requested));
+        self.cut(self.cycle.hard_reset_due().unwrap_or(HardResetDue::Requested));
         check_finite("the observation after a reset", observation, self.spaces().observation_len())?;
         if let Some(task) = &mut self.task {
             self.cycle.metrics().collect(|| task.observe_start(observation))?;
         }
         if self.cycle.is_placed() {
             self.cycle.count_hard_reset(1.0, true);
+            self.report_hard_reset();
         }
         self.cycle.placed();
         if let Some(is_inside) = is_inside {
@@ -171,21 +175,44 @@ impl DropIn {
             return Err(error);
         }
         if self.cycle.turn() == AgentRole::Reset {
-            return Ok(self.cycle.act_to_reset_or_refuse(observation));
+            return Ok(self.act_to_reset(observation));
         }
         self.cycle.take_proposal(action);
         if self.cycle.hard_reset_due().is_none() {
             self.cycle.begin_episode();
         }
+        let is_judged = self.cycle.hard_reset_due().is_none() && !self.cycle.is_broken();
         let decision = self.cycle.decide(observation);
+        if is_judged {
+            self.report(AgentRole::Forward, decision);
+        }
         let is_intervention = self.cycle.hard_reset_due().is_none() && !self.cycle.is_broken();
         if let Some(abort) = decision.abort().filter(|_| is_intervention) {
-            self.cycle.finish_aborted(abort.cause);
+            let episode = self.cycle.finish_aborted(abort.cause);
+            self.report_episode(&episode);
             if self.cycle.turn() == AgentRole::Reset {
                 self.cycle.begin_episode();
             }
         }
         Ok(decision)
+    }
+
+    /// The reset agent acts; one that fails has given way to the fallback action.
+    fn act_to_reset(&mut self, observation: &[f32]) -> Decision {
+        match self.cycle.act_to_reset(observation) {
+            Ok(decided) => {
+                if let Some(decision) = decided {
+                    self.report(AgentRole::Reset, decision);
+                }
+                self.cycle.forget_reason();
+                Decision::Resetting
+            }
+            Err(error) => {
+                let decision = self.cycle.reset_failed(&error);
+                self.report(AgentRole::Reset, decision);
+                decision
+            }
+        }
     }
 
     /// What was in the buffer after [`filter`](Self::filter) was executed and led to `next_observation`: it is stored, and the reset agent
@@ -232,7 +259,7 @@ impl DropIn {
     fn conclude(&mut self, next_observation: &[f32], outcome: Result<StepOutcome>) -> Result<()> {
         let concluded = outcome.and_then(|outcome| self.take_note(next_observation, &outcome));
         if concluded.is_err() {
-            self.cycle.require_hard_reset(HardResetDue::Lost);
+            self.cut(HardResetDue::Lost);
         }
         concluded
     }
@@ -240,10 +267,14 @@ impl DropIn {
     fn take_note(&mut self, next_observation: &[f32], outcome: &StepOutcome) -> Result<()> {
         let in_charge = self.phase();
         let end = self.cycle.observe(next_observation, outcome)?;
-        self.metrics.take(self.cycle.metrics());
+        self.take_metrics();
         self.metrics.step(in_charge, outcome.reset_reward);
+        if let Some(episode) = self.cycle.stood_in(outcome) {
+            self.report_episode(&episode);
+        }
         let Some(end) = end else { return Ok(()) };
         let attempt = self.cycle.finish(end);
+        self.report_episode(&attempt);
         if in_charge == Phase::Reset {
             if self.phase() == Phase::Reset && !self.needs_hard_reset() {
                 // Another attempt begins at once.
@@ -280,7 +311,10 @@ impl DropIn {
     /// Hands over to the reset agent although nothing was aborted: the task is done, or its time is up. Returns whether it is in charge: not
     /// if nothing was done since the last success, nor if a hard reset is needed.
     pub fn begin_reset(&mut self) -> bool {
-        let is_in_charge = self.cycle.begin_reset();
+        if let Some(episode) = self.cycle.begin_reset() {
+            self.report_episode(&episode);
+        }
+        let is_in_charge = self.cycle.turn() == AgentRole::Reset;
         if is_in_charge {
             self.cycle.begin_episode();
         }
@@ -289,6 +323,6 @@ impl DropIn {
 
     /// Nothing may move before a hard reset.
     pub fn require_hard_reset(&mut self, cause: HardResetDue) {
-        self.cycle.require_hard_reset(cause);
+        self.cut(cause);
     }
 }

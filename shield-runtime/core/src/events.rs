@@ -81,8 +81,8 @@ pub struct EpisodeEvent {
 }
 
 impl EpisodeEvent {
-    /// Of a forward episode that no hard reset follows.
-    pub(crate) fn of_forward(tally: &Tally, end: EpisodeEnd) -> Self {
+    /// Of a forward episode that no attempt ends with and no hard reset follows.
+    pub fn of_forward(tally: &Tally, end: EpisodeEnd) -> Self {
         Self {
             role: AgentRole::Forward,
             length: tally.length,
@@ -152,7 +152,22 @@ pub struct DecisionEvent<'a> {
     pub state: Option<&'a [u8]>,
 }
 
-impl DecisionEvent<'_> {
+impl<'a> DecisionEvent<'a> {
+    /// The intervention that it is, if it is one; `reason` says why, for a person.
+    pub fn intervention(&self, reason: &'a str) -> Option<Intervention<'a>> {
+        let Self { step, role, proposed, executed, decision, .. } = *self;
+        let abort = self.rejection?;
+        Some(Intervention {
+            step,
+            role,
+            proposed,
+            executed,
+            abort,
+            projection: decision.projection(),
+            reason,
+        })
+    }
+
     /// `allow`, `warm_up`, `project`, `abort`, or `replace` where the reset agent's exploration gave way to its greedy action.
     pub fn verdict(&self) -> &'static str {
         match self.decision {

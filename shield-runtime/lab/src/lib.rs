@@ -1,7 +1,6 @@
 //! Runs of experiments: the joint loop, evaluation, run folders, checkpoints and replay.
 
 pub mod checkpoint;
-mod contained;
 pub mod evaluation;
 pub mod joint_loop;
 pub mod lanes;

@@ -1,5 +1,13 @@
 //! A whole cycle with a success critic: its decisions, attempts, aborts, hard resets and everything that learns.
 
+use std::{
+    cell::Cell,
+    sync::{
+        Arc,
+        atomic::{AtomicU64, Ordering},
+    },
+};
+
 use rand_pcg::Pcg64;
 use shield_api::{AbortRule, Environment, Setup, Spaces};
 use shield_runtime::{
@@ -7,10 +15,12 @@ use shield_runtime::{
     critic::Critic,
     cycle::{CycleParts, CycleSettings, HardResetDue, Memory, ResetCycle},
     decision::Decision,
-    events::EpisodeEnd,
+    drop_in::DropInObserver,
+    events::{Counters, DecisionEvent, EpisodeEnd, EpisodeEvent},
     experience::{AgentRole, Experience, UndoSettings},
-    experiment::{AttemptLength, OnAbort, ProjectionConfig, QpConfig},
+    experiment::{AttemptLength, DropInFile, OnAbort, ProjectionConfig, QpConfig},
     plugin::{Registry, SearchPath, Selection, host},
+    plugin_state::PluginState,
     shield::{Ladder, LadderSettings},
     world::{Stepped, World},
 };
@@ -184,4 +194,74 @@ fn a_cycle_with_a_success_critic_allocates_nothing_learning_included() {
         assert!(successes > 0 && failures > 0 && aborts > 0 && idle_aborts + projections > 0, "{happened:?}");
         assert_eq!(count, 0, "{environment}, {:?}: {happened:?}", plugins[2]);
     }
+}
+
+/// Hears everything, and keeps two sums.
+#[derive(Default)]
+struct Listener {
+    decisions: Arc<AtomicU64>,
+    episodes: Arc<AtomicU64>,
+}
+
+impl DropInObserver for Listener {
+    fn on_decision(&mut self, decision: &DecisionEvent<'_>, reason: &str) {
+        assert_eq!(decision.rejection.is_some(), !reason.is_empty());
+        self.decisions.fetch_add(1, Ordering::Relaxed);
+    }
+
+    fn on_metric(&mut self, _: &str, _: f64) {}
+
+    fn on_episode(&mut self, _: &EpisodeEvent, _: &Counters) {
+        self.episodes.fetch_add(1, Ordering::Relaxed);
+    }
+
+    fn on_hard_reset(&mut self, _: &Counters) {}
+
+    fn on_restored(&mut self, _: &Counters, _: &[PluginState]) {}
+}
+
+#[test]
+fn a_drop_in_that_is_observed_allocates_nothing() {
+    let registry = Registry::scan(&SearchPath::new([plugins_folder()]));
+    let setup = Setup::new(0, 1, host());
+    let environment = registry.environment(&Selection::new("mujoco/cliff-cart"), "", &setup).unwrap();
+    let text = r#"DropIn(
+        reset: (plugin: "ddpg", config: (critics: 2, actor_hidden: [16], critic_hidden: [16], random_steps: 0)),
+        shield: (rules: [(plugin: "undo-probability", config: (relative: false, initial_threshold: 0.9))], shield_exploration: true),
+        experience: (batch: 16, updates: Both, capacity: 500), episode_length: 15,
+    )"#;
+    let file = DropInFile::from_text("x.ron", text, &[]).unwrap();
+    let mut shield = file.open(&registry, Some(environment.spec().spaces)).unwrap();
+    let listener = Listener::default();
+    let heard = [Arc::clone(&listener.decisions), Arc::clone(&listener.episodes)];
+    shield.report_to(Box::new(listener));
+    let mut world = World::new(Box::new(environment), None).unwrap();
+    world.hard_reset(None, 0).unwrap();
+    shield.hard_reset_done(world.observation()).unwrap();
+    // Allocations of the environment's own resets.
+    let (granted, mut seed) = (Cell::new(0), 0);
+    let mut steps = |count: u64| {
+        for step in 0..count {
+            let mut action = [if step % 3 == 0 { -0.5 } else { 0.7 }];
+            shield.filter(world.observation(), &mut action).unwrap();
+            let Stepped::Made(outcome) = world.step(&action).unwrap() else { panic!("nothing is isolated") };
+            shield.observe_outcome(world.next_observation(), &outcome).unwrap();
+            world.advance();
+            if step % 40 == 39 {
+                shield.begin_reset();
+            }
+            if shield.needs_hard_reset() {
+                seed += 1;
+                granted.set(granted.get() + allocations(|| world.hard_reset(None, seed).unwrap()));
+                shield.hard_reset_done(world.observation()).unwrap();
+            }
+        }
+    };
+    steps(1_500);
+    let before = heard.each_ref().map(|count| count.load(Ordering::Relaxed));
+    granted.set(0);
+    let count = allocations(|| steps(1_500)) - granted.get();
+    let after = heard.each_ref().map(|count| count.load(Ordering::Relaxed));
+    assert_eq!(count, 0, "{count} allocations in 1,500 steps");
+    assert!(after[0] > before[0] + 500 && after[1] > before[1] + 20, "{before:?} {after:?}");
 }

@@ -1,11 +1,10 @@
 //! What was known of undoing a rejected action: probabilities and threshold, in words.
 
-use std::{fs, path::Path};
+use std::path::Path;
 
 use serde::Deserialize;
 use shield_api::notation;
-use shield_config::experiment::ExperimentFile;
-use shield_lab::run::DecisionRow;
+use shield_lab::run::{DecisionRow, Recorded};
 
 use super::{Place, Rejection};
 
@@ -86,11 +85,8 @@ fn is_relative(run: &Path) -> bool {
         }
     }
     let config = || {
-        let path = run.join("config.ron");
-        let file = ExperimentFile::from_text(&path, fs::read_to_string(&path).ok()?);
-        let variant = file.variants(&[], None).ok()?.into_iter().next()?;
-        let rule = variant.experiment.rules().find(|rule| rule.plugin == RULE)?.config.clone();
-        notation::from_str::<Config>(rule.get_ron()).ok()
+        let recorded = Recorded::read(run, &[]).ok()?;
+        notation::from_str::<Config>(recorded.rule(RULE)?.config.get_ron()).ok()
     };
     config().unwrap_or_default().relative
 }

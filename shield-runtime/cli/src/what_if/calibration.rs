@@ -5,7 +5,7 @@ use std::path::Path;
 use comfy_table::{Cell, CellAlignment, Table, presets::UTF8_FULL_CONDENSED};
 use shield_lab::{
     reliability::{BINS, Reliability},
-    run::{calibration, last_half, read_attempts, reliability},
+    run::{CalibrationBin, calibration, last_half, read_attempts, reliability},
 };
 
 use super::{Failure, output};
@@ -14,20 +14,14 @@ use super::{Failure, output};
 pub fn print(run: &Path) -> Result<(), Failure> {
     let input = |error: anyhow::Error| Failure::Input(format!("{error:#}"));
     let bins = calibration(run).map_err(input)?;
-    let mut table = headed(&["reset value from", "to", "reset episodes", "successful, %"]);
-    for bin in &bins {
-        let share = 100.0 * bin.successes as f64 / bin.episodes as f64;
-        let figures = [
-            format!("{:.3}", bin.low),
-            format!("{:.3}", bin.high),
-            bin.episodes.to_string(),
-            format!("{share:.1}"),
-        ];
-        table.add_row(figures.map(right));
-    }
-    output::result(table)?;
     let attempts = read_attempts(run).map_err(input)?;
     let all = reliability(&attempts);
+    if bins.is_empty() && all.forecasts() == 0 {
+        return Err(Failure::Input(format!("{} has no reset episodes with a forecast", run.display())));
+    }
+    if !bins.is_empty() {
+        output::result(values(&bins))?;
+    }
     if all.forecasts() == 0 {
         return Ok(());
     }
@@ -39,6 +33,22 @@ pub fn print(run: &Path) -> Result<(), Failure> {
         shown(all.calibration_error()),
         shown(later)
     ))
+}
+
+/// A row for each group of reset values at the start.
+fn values(bins: &[CalibrationBin]) -> Table {
+    let mut table = headed(&["reset value from", "to", "reset episodes", "successful, %"]);
+    for bin in bins {
+        let share = 100.0 * bin.successes as f64 / bin.episodes as f64;
+        let figures = [
+            format!("{:.3}", bin.low),
+            format!("{:.3}", bin.high),
+            bin.episodes.to_string(),
+            format!("{share:.1}"),
+        ];
+        table.add_row(figures.map(right));
+    }
+    table
 }
 
 /// A row for each tenth that some estimate lies in.

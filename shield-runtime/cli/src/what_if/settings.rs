@@ -1,7 +1,7 @@
 //! Which settings the rows of the table try.
 
-use shield_config::experiment::{Override, Variant};
-use shield_lab::run::AcceptedRisk;
+use shield_config::experiment::Override;
+use shield_lab::run::{AcceptedRisk, Recorded};
 
 use super::{Failure, WhatIfArguments};
 
@@ -16,7 +16,7 @@ pub enum Axis {
 
 impl Axis {
     /// What the arguments ask for; else what the run has a rule for.
-    pub fn of(arguments: &WhatIfArguments, recorded: &Variant) -> Self {
+    pub fn of(arguments: &WhatIfArguments, recorded: &Recorded) -> Self {
         let has = |axis: Self| path(recorded, &[axis.rule()]).is_some();
         let is_risk =
             !arguments.risk.is_empty() || arguments.q_min.is_empty() && has(Self::Risk) && !has(Self::QMin);
@@ -46,8 +46,8 @@ impl Axis {
 }
 
 /// Where the first of these rules stands in the experiment.
-fn path(recorded: &Variant, rules: &[&str]) -> Option<String> {
-    let plugins = recorded.experiment.plugins();
+fn path(recorded: &Recorded, rules: &[&str]) -> Option<String> {
+    let plugins = recorded.plugins();
     let found = plugins
         .iter()
         .find(|(path, _, rule)| path.starts_with("shield.rules") && rules.contains(&rule.plugin.as_str()));
@@ -100,9 +100,9 @@ impl<'a> Settings<'a> {
     }
 
     /// The cells of the row that changes nothing.
-    pub fn as_recorded(&self, recorded: &Variant) -> Vec<String> {
+    pub fn as_recorded(&self, recorded: &Recorded) -> Vec<String> {
         let mut cells = vec![String::new(); self.headings().len()];
-        cells[0] = match (self.axis, AcceptedRisk::of(&recorded.experiment)) {
+        cells[0] = match (self.axis, recorded.accepted_risk()) {
             (Axis::Risk, Some(AcceptedRisk::Share(share))) => format!("as recorded ({share})"),
             _ => "as recorded".into(),
         };
@@ -110,7 +110,7 @@ impl<'a> Settings<'a> {
     }
 
     /// Every combination of what was given.
-    pub fn rows(&self, recorded: &Variant) -> Result<Vec<Row>, Failure> {
+    pub fn rows(&self, recorded: &Recorded) -> Result<Vec<Row>, Failure> {
         let not_given = if self.sets.is_empty() { "as recorded" } else { "-" };
         let mut rows = Vec::new();
         for value in or_none(self.values) {
@@ -130,7 +130,7 @@ impl<'a> Settings<'a> {
 
     fn overrides(
         &self,
-        recorded: &Variant,
+        recorded: &Recorded,
         value: Option<&f32>,
         combine: Option<&String>,
     ) -> Result<Vec<Override>, Failure> {

@@ -122,8 +122,7 @@ impl Experiment {
         [&mut self.environment, forward]
             .into_iter()
             .chain(self.reset.iter_mut().map(Reset::choice_mut))
-            .chain(self.shield.rules.iter_mut().flat_map(RuleConfig::plugins_mut))
-            .chain(&mut self.shield.success_critic)
+            .chain(self.shield.plugins_mut())
             .chain(&mut self.reset_task)
     }
 }

@@ -1,9 +1,19 @@
-//! The fully resolved configuration of a run, as RON.
+//! The fully resolved configuration of a run or a drop-in, as RON.
 
 use ron::{Options, extensions::Extensions};
-use shield_api::notation::{Entry, Node, parse};
+use serde::Serialize;
+use shield_api::{
+    Spaces,
+    notation::{Entry, Node, parse},
+};
 
-use super::{config::PluginChoice, edit::place_for_field, ron_text::RonText, variant::Variant};
+use super::{
+    DropInFile,
+    config::{PluginChoice, SpacesConfig},
+    edit::place_for_field,
+    ron_text::RonText,
+    variant::Variant,
+};
 
 /// Structures that fit into so many characters stand on one line.
 const LINE: usize = 90;
@@ -19,13 +29,31 @@ impl Variant {
         for choice in experiment.plugins_mut() {
             complete(choice, &fields_of(&choice.plugin));
         }
-        let text = writer().to_string(&experiment).expect("an experiment that was read can be written");
-        let root = parse(&text).expect("what ron writes can be read");
-        let mut out = format!("// {}, variant {}, seed {seed}\nExperiment", experiment.name, self.name);
-        write_value(&mut out, &root, &text, 0);
-        out.push('\n');
-        out
+        let heading = format!("// {}, variant {}, seed {seed}\nExperiment", experiment.name, self.name);
+        written(heading, &experiment)
     }
+}
+
+impl DropInFile {
+    /// What it says for an environment with these spaces, with every field explicit, as [`Variant::resolved_ron`] does of a run.
+    pub fn resolved_ron(&self, spaces: &Spaces, fields_of: &dyn Fn(&str) -> Vec<(String, String)>) -> String {
+        let mut config = self.config.clone();
+        config.spaces = Some(SpacesConfig::of(spaces));
+        for choice in config.plugins_mut() {
+            complete(choice, &fields_of(&choice.plugin));
+        }
+        written("DropIn".into(), &config)
+    }
+}
+
+/// A configuration over many lines, behind its heading.
+fn written(heading: String, config: &impl Serialize) -> String {
+    let text = writer().to_string(config).expect("a configuration that was read can be written");
+    let root = parse(&text).expect("what ron writes can be read");
+    let mut out = heading;
+    write_value(&mut out, &root, &text, 0);
+    out.push('\n');
+    out
 }
 
 /// Short forms, as the examples have them.

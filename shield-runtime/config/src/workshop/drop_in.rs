@@ -10,6 +10,7 @@ use shield_core::{
     cycle::{CycleParts, CycleSettings, ResetCycle},
     drop_in::DropIn,
     experience::AgentRole,
+    shield::Ladder,
 };
 use shield_host::plugin::Registry;
 
@@ -78,6 +79,24 @@ impl DropInFile {
 }
 
 impl DropInFile {
+    /// The rules as they judge, without projection and deadline, for an environment with the spaces that are written. A reset agent that the
+    /// program gave is not known: in its place stands one that is not asked.
+    ///
+    /// # Errors
+    /// As for [`open`](Self::open).
+    pub fn ladder_to_replay(&self, registry: &Registry) -> Result<Ladder, InputError> {
+        let Self { config, source } = self;
+        let mut shield = config.shield.clone();
+        (shield.projection, shield.deadline_us) = (None, None);
+        let (pins, threads, seed) = (&config.pins, config.threads, config.seed);
+        let workshop = Workshop { registry, source, pins, threads, seed };
+        let spaces = spaces_of(self, None)?;
+        let given = config.reset.is_none().then(|| Controller::from_fn(|_, _| Ok(())));
+        let reset = reset_agent(self, &workshop, &spaces, given)?;
+        let success = workshop.success_critic(&shield, 0, &spaces)?;
+        workshop.ladder(&shield, &*reset, success.as_ref(), &spaces, Stream::Rules)
+    }
+
     /// What says what "reset" means, without a shield around it; `None` where the caller does.
     ///
     /// # Errors

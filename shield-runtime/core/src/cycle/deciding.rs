@@ -89,6 +89,7 @@ impl ResetCycle {
         self.observation.copy_from_slice(observation);
         self.is_pending = true;
         self.since_reset.stays = false;
+        self.proposed.fill(f32::NAN);
         let is_greedy = self.look_ahead(observation)?;
         let CycleParts { forward, reset, success, ladder, .. } = &mut self.parts;
         let reset = reset.as_mut().ok_or_else(no_reset_agent)?;
@@ -97,8 +98,8 @@ impl ResetCycle {
         } else if !is_greedy {
             reset.learner().act(observation, ActMode::Greedy, &mut self.action)?;
         }
-        let Some(ladder) = ladder else { return Ok(None) };
         self.proposed.copy_from_slice(&self.action);
+        let Some(ladder) = ladder else { return Ok(None) };
         let moment = Moment {
             step: self.counters.steps,
             observation,
@@ -120,20 +121,18 @@ impl ResetCycle {
         Ok(Some(decision))
     }
 
-    /// As [`act_to_reset`](Self::act_to_reset), for a caller who executes whatever [`action`](Self::action) holds: a reset agent that fails has
-    /// given way to the fallback action.
-    pub fn act_to_reset_or_refuse(&mut self, observation: &[f32]) -> Decision {
-        let acted = self.act_to_reset(observation);
+    /// The reset agent failed in [`act_to_reset`](Self::act_to_reset), and a caller executes whatever [`action`](Self::action) holds: the
+    /// fallback action takes its place.
+    pub fn reset_failed(&mut self, error: &Error) -> Decision {
         let Some(ladder) = &mut self.parts.ladder else { return Decision::Resetting };
-        match acted {
-            Ok(_) => {
-                ladder.forget_reason();
-                Decision::Resetting
-            }
-            Err(error) => {
-                self.counters.failed_closed += 1;
-                ladder.reset_failed(&error, &mut self.action)
-            }
+        self.counters.failed_closed += 1;
+        ladder.reset_failed(error, &mut self.action)
+    }
+
+    /// Forgets why an earlier action was rejected.
+    pub fn forget_reason(&mut self) {
+        if let Some(ladder) = &mut self.parts.ladder {
+            ladder.forget_reason();
         }
     }
 

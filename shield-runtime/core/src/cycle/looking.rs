@@ -6,7 +6,8 @@ use super::{CycleParts, HardResetDue, ResetCycle};
 use crate::{
     agent::{Agent, ForwardAgent},
     critic::Critic,
-    events::Counters,
+    decision::Decision,
+    events::{Counters, DecisionEvent},
     experience::AgentRole,
     settings::AttemptLength,
     shield::Ladder,
@@ -27,6 +28,27 @@ pub struct Deliberation<'a> {
     pub action: &'a [f32],
     /// What decided; `None` in all modes but `Shielded`.
     pub ladder: Option<&'a Ladder>,
+}
+
+impl<'a> Deliberation<'a> {
+    /// What is reported of the decision on this agent's action; `None` where nothing decides.
+    pub fn event(&self, role: AgentRole, decision: Decision) -> Option<DecisionEvent<'a>> {
+        let projected = decision.projection().map(|projection| projection.rejection);
+        // A rejected action of the reset agent has given way to another; one of the forward agent ends its episode.
+        let is_executed = decision.abort().is_none() || role == AgentRole::Reset;
+        Some(DecisionEvent {
+            step: self.counters.steps,
+            role,
+            decision,
+            rejection: decision.abort().or(projected),
+            observation: self.observation,
+            proposed: self.proposed,
+            previous: self.previous,
+            executed: is_executed.then_some(self.action),
+            judgement: self.ladder?.judgement(),
+            state: None,
+        })
+    }
 }
 
 /// Who is evaluated, and what decides in training.

@@ -69,6 +69,17 @@ impl ResetCycle {
         EpisodeEvent::of_forward(&tally, EpisodeEnd::Abort)
     }
 
+    /// The step that was observed last, if it stood in for an action that was aborted with nothing to undo, and there is nothing to undo
+    /// still: as an attempt of one step, which no rule hears of.
+    pub(crate) fn stood_in(&self, outcome: &StepOutcome) -> Option<EpisodeEvent> {
+        let SinceReset { has_moved, stays, .. } = self.since_reset;
+        let is_still_there = stays && !has_moved && self.hard_reset_due.is_none();
+        let mut tally = Tally::default();
+        tally += outcome;
+        let stood_in = EpisodeEvent::of_forward(&tally, EpisodeEnd::ResetSet);
+        is_still_there.then_some(EpisodeEvent { role: AgentRole::Reset, has_reset: true, ..stood_in })
+    }
+
     /// The next decision is measured against its own state.
     pub(super) fn begin_to_measure(&mut self) {
         if let Some(ladder) = &mut self.parts.ladder {

@@ -1,6 +1,6 @@
 //! What the learner reports, and what each episode comes to.
 
-use shield_api::{Phase, Result, metrics::Metrics};
+use shield_api::{Phase, Result};
 
 use super::DropIn;
 use crate::events::Counters;
@@ -45,17 +45,15 @@ pub(super) struct EpisodeMetrics {
 }
 
 impl EpisodeMetrics {
-    /// Takes what was reported since the last time.
-    pub fn take(&mut self, metrics: &Metrics) {
-        metrics.drain(&mut |name, mean| {
-            let known = self.metrics.iter().position(|metric| metric.name == name);
-            let index = known.unwrap_or_else(|| {
-                self.metrics.push(Metric { name: name.to_owned(), sum: 0.0, count: 0, last: f64::NAN });
-                self.metrics.len() - 1
-            });
-            let metric = &mut self.metrics[index];
-            (metric.sum, metric.count) = (metric.sum + mean, metric.count + 1);
+    /// Takes note of a figure that was reported.
+    pub fn note(&mut self, name: &str, mean: f64) {
+        let known = self.metrics.iter().position(|metric| metric.name == name);
+        let index = known.unwrap_or_else(|| {
+            self.metrics.push(Metric { name: name.to_owned(), sum: 0.0, count: 0, last: f64::NAN });
+            self.metrics.len() - 1
         });
+        let metric = &mut self.metrics[index];
+        (metric.sum, metric.count) = (metric.sum + mean, metric.count + 1);
     }
 
     pub fn step(&mut self, in_charge: Phase, reset_reward: f32) {

@@ -167,17 +167,19 @@ impl DropIn {
         let ShieldState { agent, rules, exploration_replaced, .. } = state.shield;
         self.cycle.restore_diagnosis(&state.undo);
         let parts = self.cycle.parts_mut();
-        parts.restore(&LearnedState { forward: None, reset: Some(agent), rules })?;
+        let learned = LearnedState { forward: None, reset: Some(agent), rules };
+        parts.restore(&learned)?;
         parts.restore_undo(&state.undo)?;
-        if let (Some(memory), Some(learned)) = (&mut parts.memory, state.learned) {
-            memory.experience.replace(learned.kept, &learned.rows);
-            memory.masks = learned.masks;
+        if let (Some(memory), Some(kept)) = (&mut parts.memory, state.learned) {
+            memory.experience.replace(kept.kept, &kept.rows);
+            memory.masks = kept.masks;
         }
         if let (Some(task), Some(state)) = (&mut self.task, &state.task) {
             state.restore(&mut **task)?;
         }
         let counters = Counters { exploration_replaced, ..state.counters };
         self.cycle.restore_counts(counters, state.reset_successes);
+        self.report_restored(&learned.rules);
         Ok(())
     }
 }

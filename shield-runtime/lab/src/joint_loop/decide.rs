@@ -5,9 +5,8 @@ use std::time::Instant;
 use super::JointLoop;
 use crate::observer::Scene;
 use shield_core::{
-    cycle::Deliberation,
     decision::{Abort, Decision},
-    events::{DecisionEvent, Intervention},
+    events::DecisionEvent,
     experience::AgentRole,
 };
 
@@ -46,38 +45,13 @@ impl JointLoop<'_> {
 
     /// Reports a decision, and the intervention that it is.
     fn report(&mut self, role: AgentRole, decision: Decision) -> anyhow::Result<()> {
-        let projection = decision.projection();
-        let rejection = decision.abort().or(projection.map(|projection| projection.rejection));
         let (last, reset) = self.cycle.last();
-        let Deliberation { observation, proposed, previous, action, .. } = last;
-        let Some(ladder) = last.ladder else { return Ok(()) };
-        let step = last.counters.steps;
-        // A rejected action of the reset agent has given way to another; one of the forward agent ends its episode.
-        let is_executed = decision.abort().is_none() || role == AgentRole::Reset;
-        if self.settings.record.takes(step, rejection.is_some()) {
-            self.observer.on_decision(&DecisionEvent {
-                step,
-                role,
-                decision,
-                rejection,
-                observation,
-                proposed,
-                previous,
-                executed: is_executed.then_some(action),
-                judgement: ladder.judgement(),
-                state: (!self.state.is_empty()).then_some(&self.state),
-            })?;
+        let (Some(event), Some(ladder)) = (last.event(role, decision), last.ladder) else { return Ok(()) };
+        if self.settings.record.takes(event.step, event.rejection.is_some()) {
+            let state = (!self.state.is_empty()).then_some(self.state.as_slice());
+            self.observer.on_decision(&DecisionEvent { state, ..event })?;
         }
-        let Some(abort) = rejection else { return Ok(()) };
-        let intervention = Intervention {
-            step,
-            role,
-            proposed,
-            executed: is_executed.then_some(action),
-            abort,
-            projection,
-            reason: ladder.reason(),
-        };
+        let Some(intervention) = event.intervention(ladder.reason()) else { return Ok(()) };
         self.observer.on_intervention(&intervention, &mut Scene { world: &mut self.world, reset })
     }
 }

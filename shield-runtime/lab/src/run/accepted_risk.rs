@@ -3,7 +3,7 @@
 use serde::Deserialize;
 use shield_api::{USUAL_ACCEPTED_RISK, notation};
 
-use shield_config::experiment::{Experiment, Mode};
+use shield_config::experiment::{Experiment, Mode, PluginChoice};
 
 const RULE: &str = "undo-probability";
 
@@ -37,7 +37,12 @@ impl AcceptedRisk {
         if experiment.mode != Mode::Shielded {
             return None;
         }
-        let rule = experiment.rules().find(|rule| rule.plugin == RULE)?;
+        Self::of_rules(experiment.rules())
+    }
+
+    /// That of the first of these rules that has one.
+    pub fn of_rules<'a>(mut rules: impl Iterator<Item = &'a PluginChoice>) -> Option<Self> {
+        let rule = rules.find(|rule| rule.plugin == RULE)?;
         Self::read(rule.config.get_ron())
     }
 

@@ -6,12 +6,10 @@ use anyhow::{Context, Result};
 use serde::{Deserialize, Serialize};
 use shield_api::regular_file;
 
-use super::{
-    accepted_risk::AcceptedRisk,
-    tables::{MetricsRow, Row as _},
-};
+use super::accepted_risk::AcceptedRisk;
 use crate::reliability::{Forecast, Reliability};
 use shield_core::events::{AttemptOutcome, EpisodeEvent};
+use shield_decisions::tables::{MetricsRow, Row as _};
 
 /// An attempt that has an outcome.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -29,6 +27,8 @@ pub struct RecordedAttempt {
 pub(super) struct RecordedEpisode {
     pub step: u64,
     pub hard_reset: u8,
+    #[serde(default)]
+    pub has_reset: u8,
     #[serde(default)]
     pub attempt: Option<AttemptOutcome>,
     #[serde(default)]

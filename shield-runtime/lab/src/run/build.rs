@@ -39,9 +39,6 @@ pub fn prepare(registry: &Registry, variant: &Variant, seed: u64) -> Result<Loop
 pub(super) fn replay_ladder(registry: &Registry, variant: &Variant) -> Result<Ladder, InputError> {
     let mut bare = variant.clone();
     (bare.experiment.shield.projection, bare.experiment.shield.deadline_us) = (None, None);
-    if bare.experiment.mode != Mode::Shielded {
-        return Err(bare.error_at("mode", None, "the run had no shield whose decisions could be replayed"));
-    }
     let seed = bare.experiment.seeds[0];
     let builder = Builder::new(registry, &bare, seed);
     let spaces =

@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result};
 use serde::Deserialize;
 
 /// At most so many groups, of equally many episodes.
@@ -27,10 +27,10 @@ struct Episode {
     reset_value: Option<f64>,
 }
 
-/// The reset episodes of a run in groups of rising value at their start, with the successes of each.
+/// The reset episodes of a run in groups of rising value at their start, with the successes of each; none if none has a value.
 ///
 /// # Errors
-/// `metrics.csv` cannot be read, or has no reset episode with a value.
+/// `metrics.csv` cannot be read.
 pub fn calibration(run: &Path) -> Result<Vec<CalibrationBin>> {
     let path = run.join("metrics.csv");
     let cannot = || format!("{} cannot be read; give the folder of a run", path.display());
@@ -40,9 +40,8 @@ pub fn calibration(run: &Path) -> Result<Vec<CalibrationBin>> {
         let Episode { has_reset, reset_value } = episode.with_context(cannot)?;
         episodes.extend(reset_value.map(|value| (value, has_reset == 1)));
     }
-    ensure!(!episodes.is_empty(), "{} has no reset episodes", path.display());
     episodes.sort_by(|one, other| one.0.total_cmp(&other.0));
-    let size = episodes.len().div_ceil(BINS);
+    let size = episodes.len().div_ceil(BINS).max(1);
     Ok(episodes.chunks(size).map(bin).collect())
 }
 

@@ -5,9 +5,10 @@ use std::path::Path;
 use anyhow::{Context, Result, bail, ensure};
 use shield_api::{ActMode, Learner};
 
-use super::{decisions::read_decisions, folder::RunFolder, launch::restore};
+use super::{folder::RunFolder, launch::restore};
 use crate::joint_loop::LoopParts;
 use shield_core::world::{Stepped, World};
+use shield_decisions::read_decisions;
 use shield_host::plugin::Registry;
 
 /// What came of the sampled actions. Each is followed by the final reset policy alone: single-step counterfactuals.

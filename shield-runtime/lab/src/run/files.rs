@@ -4,9 +4,10 @@ use std::{collections::BTreeMap, path::Path};
 
 use anyhow::Result;
 
-use super::tables::{EvaluationRow, InterventionRow, LearningRow, MetricsRow, Row, Table, TimingRow};
+use super::tables::{EvaluationRow, TimingRow};
 use crate::checkpoint::CheckpointError;
 use shield_config::tensorboard::{self, EventFile};
+use shield_decisions::tables::{InterventionRow, LearningRow, MetricsRow, Row, Table};
 
 /// Their names in the folder of the run.
 pub(super) const NAMES: [&str; 6] = [

@@ -6,7 +6,7 @@ use std::{
     path::{Path, PathBuf},
 };
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context, Result, bail, ensure};
 use shield_api::regular_file;
 
 use super::{
@@ -14,6 +14,7 @@ use super::{
     summary::{Identity, Summary},
 };
 use shield_config::atomic_file::{AtomicFile, write_atomically};
+use shield_decisions::record::is_record;
 
 /// The folder of one run, `<out>/<experiment>/<variant>/seed-<n>`.
 #[derive(Debug, Clone)]
@@ -130,8 +131,18 @@ impl RunFolder {
     /// # Errors
     /// There is none: the folder is not that of a run.
     pub fn config(&self) -> Result<String> {
+        self.refuse_record()?;
         let path = self.path.join("config.ron");
         regular_file::read_to_string(&path).with_context(|| format!("{} cannot be read", path.display()))
+    }
+
+    fn refuse_record(&self) -> Result<()> {
+        ensure!(
+            !is_record(&self.path),
+            "{} is the record of a shield in another program's loop, not a run; `shield explain` and `shield what-if` read it",
+            self.path.display()
+        );
+        Ok(())
     }
 
     /// The summary; `None` before the run's first end.
@@ -139,6 +150,7 @@ impl RunFolder {
     /// # Errors
     /// It cannot be read or is not a summary.
     pub fn summary(&self) -> Result<Option<Summary>> {
+        self.refuse_record()?;
         let path = self.path.join("summary.json");
         let bytes = match regular_file::read(&path) {
             Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(None),

@@ -3,7 +3,6 @@
 use std::{path::Path, sync::atomic::AtomicBool};
 
 use anyhow::{Context, Result, anyhow, bail};
-use indexmap::IndexMap;
 use shield_api::manifest::Manifest;
 
 use super::{
@@ -20,10 +19,9 @@ use crate::{
     loop_state::LoopState,
     observer::{Fanout, Observer},
 };
-use shield_config::experiment::{
-    Difference, Experiment, ExperimentFile, Override, Variant, first_difference,
-};
-use shield_host::plugin::{PluginError, Registry};
+use shield_config::experiment::{Difference, ExperimentFile, Override, Variant, first_difference};
+use shield_decisions::provenance::{fields_of, manifests, plugins_json};
+use shield_host::plugin::Registry;
 
 /// One seed of one variant of an experiment, and where it is written.
 #[derive(Debug, Clone)]
@@ -163,7 +161,7 @@ impl Run {
         let rules = experiment.rules().map(|choice| choice.plugin.clone()).collect();
         let solved_at = experiment.evaluation.as_ref().map_or(1.0, |evaluation| evaluation.solved_at);
         let is_deterministic = experiment.shield.deadline_us.is_none()
-            && manifests(registry, experiment)?.iter().all(|manifest| manifest.deterministic);
+            && manifests(registry, &experiment.plugins())?.iter().all(|manifest| manifest.deterministic);
         let (folder, identity) = (self.folder.clone(), self.identity());
         let recorder = match state {
             None => Recorder::new(folder, identity, rules, solved_at)?,
@@ -176,11 +174,7 @@ impl Run {
 
     /// Which plugin each field of the experiment is, with version and hash.
     fn plugins_json(&self, registry: &Registry) -> Result<String> {
-        let mut identities = IndexMap::new();
-        for (path, kind, choice) in self.variant.experiment.plugins() {
-            identities.insert(path, registry.identify(&choice.selection(), kind)?);
-        }
-        Ok(serde_json::to_string_pretty(&identities)? + "\n")
+        plugins_json(registry, &self.variant.experiment.plugins())
     }
 }
 
@@ -193,15 +187,11 @@ fn identity(variant: &Variant, seed: u64) -> Identity {
 /// # Errors
 /// A plugin is missing.
 pub fn provenance(registry: &Registry, variant: &Variant, seed: u64) -> Result<Provenance> {
-    let manifests = manifests(registry, &variant.experiment)?;
-    let fields_of = |id: &str| {
-        let fields = manifests.iter().find(|manifest| manifest.id == id).map(|manifest| &manifest.fields);
-        fields.into_iter().flatten().map(|field| (field.name.clone(), field.default.clone())).collect()
-    };
+    let manifests = manifests(registry, &variant.experiment.plugins())?;
     let version =
         |manifest: &Manifest| PluginVersion { id: manifest.id.clone(), version: manifest.version.clone() };
     Ok(Provenance {
-        config: variant.resolved_ron(seed, &fields_of),
+        config: variant.resolved_ron(seed, &|id| fields_of(&manifests, id)),
         plugins: manifests.iter().map(version).collect(),
     })
 }
@@ -272,12 +262,4 @@ pub fn restore(registry: &Registry, folder: &RunFolder, overrides: &[Override]) 
     let mut parts = prepare(registry, &run.variant, run.seed)?;
     parts.restore_agents(&saved.state)?;
     Ok(Restored { run, parts, state: saved.state })
-}
-
-/// The manifests of every plugin that the experiment names, from the file that it is loaded from.
-fn manifests(registry: &Registry, experiment: &Experiment) -> Result<Vec<Manifest>, PluginError> {
-    let plugins = experiment.plugins().into_iter();
-    plugins
-        .map(|(_, kind, choice)| registry.entry(&choice.selection(), kind).map(|entry| entry.manifest))
-        .collect()
 }

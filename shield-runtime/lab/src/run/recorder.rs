@@ -16,7 +16,6 @@ use shield_api::ResetKind;
 use super::{
     accepted_risk::AcceptedRisk,
     attempt_log::AttemptLog,
-    decisions::{self, DecisionLog, DecisionState},
     files::{self, Files, Lengths},
     folder::{RunFolder, write_whole},
     summary::{Evaluations, FoundInRun, Identity, Summary},
@@ -26,6 +25,7 @@ use crate::{
     observer::Occasion,
 };
 use shield_core::events::Counters;
+use shield_decisions::{DecisionLog, DecisionState, check};
 
 /// How long finished rows may wait in memory.
 const FLUSH_EVERY: Duration = Duration::from_secs(1);
@@ -48,7 +48,7 @@ pub struct RecorderState {
 impl RunFiles for RecorderState {
     fn check(&self, run: &Path) -> Result<(), CheckpointError> {
         files::check(run, &self.lengths)?;
-        decisions::check(&run.join(DECISIONS), self.decisions)
+        check(&run.join(DECISIONS), self.decisions)
     }
 }
 

@@ -8,15 +8,12 @@ use anyhow::{Context, Result, bail, ensure};
 use shield_api::{Needs, metrics::Metrics};
 
 use self::history::History;
-use super::{
-    build::replay_ladder,
-    decisions::{DecisionRow, read_decisions},
-};
-use shield_config::experiment::Variant;
+use super::recorded::Recorded;
 use shield_core::{
     decision::Decision,
     shield::{GivenValues, Ladder, Moment},
 };
+use shield_decisions::{DecisionRow, read_decisions};
 use shield_host::plugin::Registry;
 
 /// Under this name the rule `undo-probability` reports its threshold.
@@ -39,14 +36,14 @@ pub struct Replay {
     pub mean_threshold: Option<f64>,
 }
 
-/// Lets the rules of `variant` judge every forward decision that the run at `run` recorded, through the plugins themselves. Nothing is
+/// Lets the rules of `recorded` judge every forward decision that the folder `run` holds, through the plugins themselves. Nothing is
 /// projected: what is counted is what the rules reject. Rules that hold a state hear of their own decisions. Rules that need undo
 /// probabilities also hear how the attempts of the run ended: of attempts that were not made, nobody knows the end.
 ///
 /// # Errors
 /// Nothing was recorded; a plugin is missing; the rules need values that the run did not compute.
-pub fn replay(registry: &Registry, variant: &Variant, run: &Path) -> Result<Replay> {
-    let mut ladder = replay_ladder(registry, variant)?;
+pub fn replay(registry: &Registry, recorded: &Recorded, run: &Path) -> Result<Replay> {
+    let mut ladder = recorded.ladder(registry, run)?;
     let needs = ladder.needs();
     let mut history = if needs.undo_probabilities() { History::read(run)? } else { History::default() };
     let metrics = Metrics::default();

@@ -1,7 +1,7 @@
 //! A shield around somebody's own policy and environment.
 
 use indexmap::IndexMap;
-use serde::Deserialize;
+use serde::{Deserialize, Serialize};
 use shield_api::{Space, Spaces};
 
 use super::{ExperienceConfig, PluginChoice, Reset, RuleConfig, ShieldConfig, one, one_thread};
@@ -9,7 +9,7 @@ use shield_host::plugin::Kind;
 
 /// A shield with its reset agent; who acts and in what world is the caller's affair. The fields are those of an
 /// [`Experiment`](super::Experiment).
-#[derive(Debug, Clone, Deserialize)]
+#[derive(Debug, Clone, Deserialize, Serialize)]
 #[serde(rename = "DropIn", deny_unknown_fields)]
 pub struct DropInConfig {
     /// The agent or policy that undoes what was done. `None`: the program around the shield gives it.
@@ -42,7 +42,7 @@ pub struct DropInConfig {
     #[serde(default)]
     pub spaces: Option<SpacesConfig>,
     /// SHA-256 by plugin id.
-    #[serde(default)]
+    #[serde(default, skip_serializing_if = "IndexMap::is_empty")]
     pub pins: IndexMap<String, String>,
 }
 
@@ -65,10 +65,15 @@ impl DropInConfig {
         found.extend(self.reset_task.iter().map(|choice| ("reset_task".into(), Kind::ResetTask, choice)));
         found
     }
+
+    pub(in crate::experiment) fn plugins_mut(&mut self) -> impl Iterator<Item = &mut PluginChoice> {
+        let reset = self.reset.iter_mut().map(Reset::choice_mut);
+        reset.chain(self.shield.plugins_mut()).chain(&mut self.reset_task)
+    }
 }
 
 /// Observation and action space.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub struct SpacesConfig {
     /// What the agent sees.
@@ -82,6 +87,11 @@ impl SpacesConfig {
         [("observation", &self.observation), ("action", &self.action)]
     }
 
+    /// Those that the interface has, to be written.
+    pub fn of(spaces: &Spaces) -> Self {
+        Self { observation: SpaceConfig::of(&spaces.observation), action: SpaceConfig::of(&spaces.action) }
+    }
+
     /// As the interface has them.
     pub fn into_spaces(self) -> Spaces {
         Spaces { observation: self.observation.into_space(), action: self.action.into_space() }
@@ -89,7 +99,7 @@ impl SpacesConfig {
 }
 
 /// One space.
-#[derive(Debug, Clone, PartialEq, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
 pub enum SpaceConfig {
     /// A vector with bounds.
@@ -106,6 +116,14 @@ pub enum SpaceConfig {
 }
 
 impl SpaceConfig {
+    fn of(space: &Space) -> Self {
+        match space {
+            Space::Discrete { n } => Self::Discrete(*n),
+            Space::Box { low, high } if *space == Space::unbounded(low.len()) => Self::Unbounded(high.len()),
+            Space::Box { low, high } => Self::Box { low: low.clone(), high: high.clone() },
+        }
+    }
+
     /// As the interface has it.
     pub fn into_space(self) -> Space {
         match self {

@@ -88,6 +88,13 @@ impl ShieldConfig {
     }
 }
 
+impl ShieldConfig {
+    /// The rules and the success critic that is written.
+    pub(super) fn plugins_mut(&mut self) -> impl Iterator<Item = &mut PluginChoice> {
+        self.rules.iter_mut().flat_map(RuleConfig::plugins_mut).chain(&mut self.success_critic)
+    }
+}
+
 /// What an experiment or a drop-in says of the reset cycle; the rest has its defaults.
 pub fn cycle_settings(shield: &ShieldConfig, experience: &ExperienceConfig) -> CycleSettings {
     CycleSettings {

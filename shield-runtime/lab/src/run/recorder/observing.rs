@@ -7,13 +7,13 @@ use anyhow::{Context, Result};
 use super::{FLUSH_EVERY, Recorder};
 use crate::{
     observer::{Observer, Scene, Snapshot},
-    run::tables::{EvaluationRow, InterventionRow, LearningRow, MetricsRow, TimingRow},
+    run::tables::{EvaluationRow, TimingRow},
 };
 use shield_core::{
-    decision::ProjectionKind,
     events::{Counters, DecisionEvent, EpisodeEvent, EvaluationEvent, Intervention},
     experience::AgentRole,
 };
+use shield_decisions::tables::{InterventionRow, LearningRow, MetricsRow};
 
 impl Observer for Recorder {
     fn on_decision_time(&mut self, time: Duration) {
@@ -21,33 +21,8 @@ impl Observer for Recorder {
     }
 
     fn on_intervention(&mut self, intervention: &Intervention<'_>, _: &mut Scene<'_>) -> Result<()> {
-        let Intervention { step, role, proposed, executed, abort, projection, reason } = intervention;
-        let cause = abort.cause.to_string();
-        let verdict = match (projection, executed) {
-            (Some(_), _) => "project",
-            (None, Some(_)) => "replace",
-            (None, None) => "abort",
-        };
-        let solver_status = match projection.map(|projection| projection.kind) {
-            Some(ProjectionKind::Qp) => "solved",
-            Some(ProjectionKind::Replace | ProjectionKind::Best) => "",
-            None => abort.cause.solver_status().unwrap_or(""),
-        };
-        self.files.interventions.write(&InterventionRow {
-            step: *step,
-            phase: role.name(),
-            verdict,
-            cause: &cause,
-            rule: abort.rule.and_then(|index| self.rules.get(index)).map_or("", String::as_str),
-            score: (!abort.score.is_nan()).then(|| abort.score.to_string()),
-            reason,
-            proposed: numbers(proposed),
-            executed: executed.map(numbers),
-            solver_status,
-            iterations: projection.map(|projection| projection.iterations),
-            distance: projection.map(|projection| projection.distance.to_string()),
-        })?;
-        *self.causes.entry(cause).or_default() += 1;
+        self.files.interventions.write(&InterventionRow::of(intervention, &self.rules))?;
+        *self.causes.entry(intervention.abort.cause.to_string()).or_default() += 1;
         Ok(())
     }
 
@@ -63,27 +38,7 @@ impl Observer for Recorder {
         if let Some(kind) = episode.hard_reset.and_then(|reset| reset.kind) {
             self.hard_resets[kind].1 += 1;
         }
-        self.files.metrics.write(&MetricsRow {
-            step: counters.steps,
-            episode: self.episodes,
-            phase: episode.role.name(),
-            length: episode.length,
-            forward_return: episode.forward_return,
-            reset_return: episode.reset_return,
-            success: u8::from(episode.success),
-            end: Some(episode.end),
-            has_reset: u8::from(episode.has_reset),
-            hard_reset: u8::from(episode.hard_reset.is_some()),
-            early_aborts: counters.early_aborts,
-            hard_resets: counters.hard_resets,
-            irreversible_entries: counters.irreversible_entries,
-            forward_steps: counters.forward_steps,
-            hard_reset_cost: counters.hard_reset_cost,
-            reset_value: episode.reset_value,
-            lifetime_return: counters.lifetime_return,
-            undo_probability: episode.undo_probability,
-            attempt: episode.attempt,
-        })?;
+        self.files.metrics.write(&MetricsRow::of(self.episodes, episode, counters))?;
         let of_role = if episode.role == AgentRole::Forward { "forward/return" } else { "reset/return" };
         let mut figures = vec![
             (of_role, gain),
@@ -105,7 +60,7 @@ impl Observer for Recorder {
 
     fn on_metric(&mut self, step: u64, name: &str, mean: f64) -> Result<()> {
         self.files.events.scalars(step, &[(name, mean)])?;
-        self.files.learning.write(&LearningRow { step, metric: name, mean })
+        self.files.learning.write(&LearningRow::new(step, name, mean))
     }
 
     fn on_evaluation(&mut self, evaluation: &EvaluationEvent, counters: &Counters) -> Result<()> {
@@ -155,9 +110,4 @@ impl Observer for Recorder {
         }
         Ok(())
     }
-}
-
-/// Numbers separated by blanks: one column for a vector.
-fn numbers(values: &[f32]) -> String {
-    values.iter().map(f32::to_string).collect::<Vec<_>>().join(" ")
 }

@@ -1,19 +1,20 @@
 //! What happened between the decisions of a run, as its rules heard of it.
 
-use std::{collections::HashSet, path::Path, vec::IntoIter};
+use std::{collections::HashMap, path::Path, vec::IntoIter};
 
 use anyhow::Result;
 use shield_api::ObservedAttempt;
 
-use crate::run::{attempts::read_episodes, decisions::DecisionRow};
+use crate::run::attempts::read_episodes;
 use shield_core::{cycle::MOST_IDLE_ABORTS, decision::Decision, events::AttemptOutcome, shield::Ladder};
+use shield_decisions::DecisionRow;
 
 /// The attempts of a run that are still to be told, and where its reset cycles began.
 #[derive(Default)]
 pub(super) struct History {
     attempts: IntoIter<ObservedAttempt>,
-    /// Steps at which nothing had to be undone.
-    starts: HashSet<u64>,
+    /// Steps at which nothing had to be undone, and how often the world was put back there: each time, aborts are counted anew.
+    starts: HashMap<u64, u32>,
     /// The last step at which an abort had nothing to undo, and how many such aborts there were.
     idle: (u64, u32),
 }
@@ -22,11 +23,12 @@ impl History {
     /// From the episodes of the run.
     pub fn read(run: &Path) -> Result<Self> {
         let mut attempts = Vec::new();
-        let mut starts = HashSet::from([0]);
+        let mut starts = HashMap::from([(0, 1)]);
         for episode in read_episodes(run)? {
             let succeeded = episode.attempt == Some(AttemptOutcome::Succeeded);
-            if succeeded || episode.hard_reset == 1 {
-                starts.insert(episode.step);
+            let times = [episode.has_reset, episode.hard_reset].into_iter().map(u32::from).sum::<u32>();
+            if times > 0 {
+                *starts.entry(episode.step).or_default() += times;
             }
             attempts.extend(episode.attempt.map(|_| ObservedAttempt { step: episode.step, succeeded }));
         }
@@ -47,13 +49,11 @@ impl History {
     pub fn note(&mut self, row: &DecisionRow, decision: Decision, ladder: &mut Ladder) {
         let Decision::Abort(abort) = decision else { return };
         let step = row.step;
-        if !self.starts.contains(&step) || row.verdict == "project" {
-            return;
-        }
+        let Some(times) = self.starts.get(&step).filter(|_| row.verdict != "project") else { return };
         if self.idle.0 != step {
             self.idle = (step, 0);
         }
-        if self.idle.1 < MOST_IDLE_ABORTS {
+        if self.idle.1 < MOST_IDLE_ABORTS * times {
             self.idle.1 += 1;
             if !abort.cause.is_failure() {
                 ladder.observe_attempt(&ObservedAttempt { step, succeeded: true });

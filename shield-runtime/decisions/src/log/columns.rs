@@ -9,7 +9,8 @@ use parquet::{
     schema::types::{ColumnPath, Type, TypePtr},
 };
 
-use super::{DecisionRow, ROWS};
+use super::ROWS;
+use crate::read::DecisionRow;
 use shield_core::events::DecisionEvent;
 
 /// The kinds of figures of a decision, in the order of their columns.
@@ -67,7 +68,7 @@ pub(super) fn of_row(row: &DecisionRow) -> Numbers<'_> {
 
 impl DecisionRow {
     /// Where figures of a kind belong; `None` for another name.
-    pub(super) fn numbers(&mut self, kind: &str) -> Option<&mut Vec<f32>> {
+    pub(crate) fn numbers(&mut self, kind: &str) -> Option<&mut Vec<f32>> {
         Some(match kind {
             "observation" => &mut self.observation,
             "proposed" => &mut self.proposed,

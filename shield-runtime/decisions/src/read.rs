@@ -9,7 +9,7 @@ use parquet::{
 };
 use shield_api::regular_file;
 
-use crate::contained::contained;
+use crate::{contained::contained, log::paths};
 
 /// One recorded decision.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -66,7 +66,7 @@ impl DecisionRow {
 /// There are none, or a file is damaged.
 pub fn read_decisions(run: &Path, mut take: impl FnMut(DecisionRow) -> Result<bool>) -> Result<u64> {
     let folder = run.join("decisions");
-    let mut parts = super::paths(&folder)?;
+    let mut parts = paths(&folder)?;
     parts.retain(|path| path.extension().is_some_and(|extension| extension == "parquet"));
     ensure!(
         !parts.is_empty(),
@@ -88,7 +88,7 @@ pub fn read_decisions(run: &Path, mut take: impl FnMut(DecisionRow) -> Result<bo
 
 /// Hands every decision of one part to `take`, until it says `false`; returns whether it never did. The library that reads a part panics at
 /// some of the damage that it may have.
-pub(super) fn read_part(part: &Path, take: &mut dyn FnMut(DecisionRow) -> Result<bool>) -> Result<bool> {
+pub(crate) fn read_part(part: &Path, take: &mut dyn FnMut(DecisionRow) -> Result<bool>) -> Result<bool> {
     let unreadable = || format!("{} cannot be read", part.display());
     let damaged = || format!("{} is damaged", part.display());
     let file = regular_file::open(part).with_context(unreadable)?;

@@ -1,11 +1,8 @@
 //! `decisions/part-NNNNNN.parquet`: every decision with every member's value, in columns.
 
 mod columns;
-mod read;
 
 use columns::{Numbers, TEXTS, Widths, of_event, of_row, properties, schema};
-use read::read_part;
-pub use read::{DecisionRow, read_decisions};
 
 use std::{
     ffi::OsStr,
@@ -22,8 +19,11 @@ use parquet::{
 
 use serde::{Deserialize, Serialize};
 
-use crate::checkpoint::CheckpointError;
-use shield_config::atomic_file::{AtomicFile, remove_leftovers};
+use crate::read::{DecisionRow, read_part};
+use shield_config::{
+    atomic_file::{AtomicFile, remove_leftovers},
+    state_file::CheckpointError,
+};
 use shield_core::events::DecisionEvent;
 
 /// Rows that wait in memory until they are written together.
@@ -122,8 +122,8 @@ impl DecisionLog {
     /// # Errors
     /// A file cannot be written.
     pub fn push(&mut self, record: &DecisionEvent<'_>) -> Result<()> {
-        let cause = record.rejection.map_or(String::new(), |rejection| rejection.cause.to_string());
-        let texts = [record.role.name(), record.verdict(), &cause];
+        let cause = record.rejection.map_or("", |rejection| rejection.cause.name());
+        let texts = [record.role.name(), record.verdict(), cause];
         self.add(record.step, texts, record.state.unwrap_or_default(), of_event(record))
     }
 
@@ -219,7 +219,7 @@ impl DecisionLog {
 }
 
 /// Everything in the folder, in order; nothing if there is no folder.
-fn paths(folder: &Path) -> Result<Vec<PathBuf>> {
+pub(crate) fn paths(folder: &Path) -> Result<Vec<PathBuf>> {
     let entries = match fs::read_dir(folder) {
         Err(error) if error.kind() == io::ErrorKind::NotFound => return Ok(Vec::new()),
         entries => entries.with_context(|| format!("{} cannot be read", folder.display()))?,
@@ -254,7 +254,10 @@ fn path_of(folder: &Path, part: u32) -> PathBuf {
 }
 
 /// Whether the present part reaches as far as a checkpoint says.
-pub(super) fn check(folder: &Path, state: DecisionState) -> Result<(), CheckpointError> {
+///
+/// # Errors
+/// It ends before, or cannot be read or understood.
+pub fn check(folder: &Path, state: DecisionState) -> Result<(), CheckpointError> {
     if state.rows == 0 {
         return Ok(());
     }
