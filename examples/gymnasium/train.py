@@ -94,6 +94,8 @@ def train(env_id, seed, is_shielded, steps, episodes):
     report = env.report(as_dict=True)
     figures = ["steps", "forward_steps", "episodes", "hard_resets", "aborts", "attempts", "reset_successes", "realised_risk", "accepted_risk", "verdict"]
     run |= {name: report[name] for name in figures}
+    # The resets of the evaluation are no matter of the training.
+    warnings.simplefilter("ignore", shield.ShieldWarning)
     run["return_without_shield"] = mean_return(policy, bare, episodes)
     run["return"] = mean_return(policy, bare, episodes, env.shield)
     return run

@@ -9,6 +9,8 @@ use crate::experience::AgentRole;
 const STEPS: u32 = 950;
 /// The share of them below which the task gets too few. Where the shield helped in the end, it had a third at this time.
 const FEW: f64 = 0.25;
+/// Attempts that must have ended meanwhile: of one that takes all the time nothing follows for the next.
+const FEWEST_ATTEMPTS: u32 = 3;
 
 /// The present group of steps.
 #[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
@@ -35,7 +37,7 @@ impl ForwardShare {
         }
         let Self { steps, forward, attempts, successes, ended, groups } = *self;
         *self = Self { groups: groups.saturating_add(1), ..Self::default() };
-        let holds = f64::from(forward) < FEW * f64::from(steps);
+        let holds = f64::from(forward) < FEW * f64::from(steps) && attempts >= FEWEST_ATTEMPTS;
         Some((holds, Finding::FewForwardSteps { forward, steps, attempts, successes, ended }))
     }
 

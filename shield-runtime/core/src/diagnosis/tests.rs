@@ -323,6 +323,9 @@ fn a_task_that_gets_few_steps_is_told_before_the_2_000th_with_the_cause() {
     let ending = story(10, EpisodeEnd::Terminated, false, 19);
     assert!(text(&ending).contains("terminate_when_unhealthy"), "{}", text(&ending));
     assert!(!story(15, EpisodeEnd::ResetSet, true, 19).names().contains(&"few-forward-steps"));
+    let mut long = Story::settled();
+    long.steps(AgentRole::Reset, 950, |step| step % 2 == 0);
+    assert!(long.names().is_empty(), "a first attempt says nothing of the next: {:?}", long.names());
     let mut later = story(15, EpisodeEnd::ResetSet, true, 19);
     (0..60).for_each(|_| later.attempt(50, true));
     assert!(!later.names().contains(&"few-forward-steps"), "whole attempts tell more by then");

@@ -20,9 +20,9 @@ the shield, then the same agent without it, then the agent that was trained with
 and what follows a failed attempt earns nothing. Hard resets are those with the shield, the episodes those of PPO with the shield, and then the
 episodes without it, each of which ends in a hard reset. The realised risk is the share of attempts that failed.
 
-**The target** is that the shield works: at least 60% forward steps, hard resets after at most a fifth of the episodes, and a return with the shield
-that is no smaller than the smallest without; or that it says why it does not within 2,000 steps. The first seven environments have the target. The
-others were chosen afterwards, and nothing was tried in them.
+**The target** is that the shield works: at least 60% forward steps, hard resets after at most a fifth of the episodes, and no loss of return beyond
+the spread (the return with the shield is below the median without by no more than the best seed without is above the worst); or that it says why it
+does not within 2,000 steps. The first seven environments have the target. The others were chosen afterwards, and nothing was tried in them.
 
 ";
 

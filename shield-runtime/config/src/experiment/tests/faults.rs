@@ -32,7 +32,7 @@ fn faults_of_syntax_and_type_are_refused_with_their_place() {
     check_field("reset: @(config: ()),", "the field `plugin` is missing");
     check_field(
         "shield: (@rulse: []),",
-        "there is no field `rulse`, only `rules`, `success_critic`, `projection`, `deadline_us`, `reset_attempts`, `reset_test`, `between_attempts`, `stop_on_reset`, `warm_up_steps`, `shield_exploration`, `on_abort` and `fallback_action`; did you mean `rules`?",
+        "there is no field `rulse`, only `rules`, `success_critic`, `projection`, `deadline_us`, `reset_attempts`, `reset_test`, `between_attempts`, `stop_on_reset`, `attempt_length`, `warm_up_steps`, `shield_exploration`, `on_abort` and `fallback_action`; did you mean `rules`?",
     );
     check_field("threads: 1, @threads: 2", "`threads` is given twice");
     check_field("threads: @-1", "expected a whole number of at least 0, found -1");
@@ -226,7 +226,7 @@ fn faults_of_variants_name_the_variant_and_the_override() {
     );
     check_field(
         "variants: {\"a\": [(@\"stepz\", 5)]}",
-        "variant `a`, override `stepz`: there is no field `stepz`, only `name`, `steps`, `seeds`, `mode`, `environment`, `forward`, `reset`, `shield`, `reset_task`, `experience`, `evaluation`, `checkpoint`, `record`, `hard_reset_cost`, `threads`, `pins` and `variants`; did you mean `steps`?",
+        "variant `a`, override `stepz`: there is no field `stepz`, only `name`, `steps`, `seeds`, `mode`, `environment`, `forward`, `reset`, `shield`, `reset_task`, `calibration_resets`, `experience`, `evaluation`, `checkpoint`, `record`, `hard_reset_cost`, `threads`, `pins` and `variants`; did you mean `steps`?",
     );
     check_field(
         "variants: {\"a\": [(\"shield\", (\n stop_on_reset: @5))]}",

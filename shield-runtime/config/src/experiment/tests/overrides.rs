@@ -21,7 +21,7 @@ fn overrides_of_the_command_line_come_last_and_errors_name_them() {
     check("name=y", "--set name=y: override `name`: expected a text, found y; a text needs quotes");
     check(
         "shield.rulse=[]",
-        "--set shield.rulse=[]: override `shield.rulse`: there is no field `rulse`, only `rules`, `success_critic`, `projection`, `deadline_us`, `reset_attempts`, `reset_test`, `between_attempts`, `stop_on_reset`, `warm_up_steps`, `shield_exploration`, `on_abort` and `fallback_action`; did you mean `rules`?",
+        "--set shield.rulse=[]: override `shield.rulse`: there is no field `rulse`, only `rules`, `success_critic`, `projection`, `deadline_us`, `reset_attempts`, `reset_test`, `between_attempts`, `stop_on_reset`, `attempt_length`, `warm_up_steps`, `shield_exploration`, `on_abort` and `fallback_action`; did you mean `rules`?",
     );
     let steps = Override::new("steps", "0", "--steps 0").unwrap();
     let error = small("").variants(&[steps], None).unwrap_err();
