@@ -48,7 +48,7 @@ fn what_follows_the_first_entry_into_the_reset_set_is_taught_no_outcome() {
     let goes_on = CycleSettings { stop_on_reset: false, ..short() };
     let mut walk = walk(goes_on);
     assert!(walk.step(1.0).is_none());
-    assert!(walk.cycle.begin_reset());
+    assert!(walk.cycle.begin_reset().is_some());
     let attempt = walk.finish();
     assert_eq!((attempt.end, attempt.length, attempt.has_reset), (EpisodeEnd::TimeLimit, 4, true));
     let labels = walk.labels();
@@ -92,7 +92,7 @@ fn a_terminated_step_is_no_success_even_at_the_start() {
     for reset_test in [ResetTest::AnyVisited, ResetTest::FinalState] {
         let mut walk = walk(CycleSettings { reset_test, ..short() });
         assert!(walk.step(0.5).is_none());
-        assert!(walk.cycle.begin_reset());
+        assert!(walk.cycle.begin_reset().is_some());
         // The environment has ended, and shows its start.
         let attempt = walk.step_into(0.0, true).unwrap();
         assert_eq!(walk.cell, 0.0);
@@ -129,7 +129,7 @@ fn an_attempt_that_is_cut_short_has_no_outcome() {
     for end in [EpisodeEnd::Budget, EpisodeEnd::Interrupted, EpisodeEnd::WorkerLost] {
         let mut walk = walk(short());
         walk.steps(2, 1.0);
-        assert!(walk.cycle.begin_reset());
+        assert!(walk.cycle.begin_reset().is_some());
         assert!(walk.step(0.0).is_none());
         let attempt = walk.cycle.finish(end);
         assert!(!attempt.has_reset);
@@ -168,7 +168,7 @@ fn an_attempt_after_a_hard_reset_says_nothing_of_the_steps_before() {
 fn an_attempt_that_goes_on_after_an_interruption_has_one_outcome_for_all_its_steps() {
     let mut before = walk(short());
     before.steps(2, 1.0);
-    assert!(before.cycle.begin_reset());
+    assert!(before.cycle.begin_reset().is_some());
     before.steps(2, 0.0);
     let (place, undo) = (before.cycle.save(), before.cycle.save_undo().unwrap());
     before.cycle.finish(EpisodeEnd::Interrupted);
