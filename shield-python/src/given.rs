@@ -5,7 +5,10 @@ use std::path::{Path, PathBuf};
 use numpy::PyReadonlyArray1;
 use pyo3::{exceptions::PyValueError, prelude::*};
 use shield_api::{Space, Spaces};
-use shield_runtime::experiment::{Defaults, DropInFile, Override};
+use shield_runtime::{
+    experience::Experience,
+    experiment::{Defaults, DropInFile, Override},
+};
 
 use crate::{ConfigError, config_error};
 
@@ -70,4 +73,19 @@ pub fn written_at(
 ) -> PyResult<Option<String>> {
     let file = read(config.as_deref(), usual(is_discrete), &sets)?;
     Ok(file.written_at(path).map(str::to_owned))
+}
+
+/// Bytes that the experience takes once it is full; nothing is allocated yet.
+#[pyfunction]
+pub fn experience_bytes(
+    observation: (Vec<f32>, Vec<f32>),
+    action: Actions,
+    config: Option<PathBuf>,
+    sets: Vec<Set>,
+) -> PyResult<u64> {
+    let spaces = spaces(observation, action)?;
+    let file = read(config.as_deref(), Defaults::of(&spaces.action), &sets)?;
+    let keeps_undo = file.config.shield.success_critic.is_some();
+    let experience = &file.config.experience;
+    Ok(Experience::bytes_when_full(experience.capacity, experience.observations, &spaces, keeps_undo))
 }

@@ -5,8 +5,10 @@
 
 mod doctor;
 mod given;
+mod inside;
 mod record;
 mod reset_policy;
+mod verdict;
 
 use std::{
     path::PathBuf,
@@ -24,8 +26,7 @@ use pyo3::{
 use shield_api::{Phase, ResetSignal, USUAL_ACCEPTED_RISK};
 use shield_runtime::{
     cycle::HardResetDue,
-    decision::Decision,
-    drop_in::DropIn,
+    drop_in::{DropIn, Frozen},
     drop_in_files,
     experiment::{Defaults, DropInFile, InputError},
     plugin::{Registry, SearchPath},
@@ -34,8 +35,10 @@ use shield_runtime::{
 
 use self::{
     given::{Actions, Set, copy, read, spaces},
+    inside::Inside,
     record::Record,
     reset_policy::ResetPolicy,
+    verdict::{Verdict, verdict},
 };
 
 create_exception!(shield, ConfigError, PyValueError, "A setting that must be changed, with its place.");
@@ -52,29 +55,12 @@ fn failed(error: impl std::fmt::Display) -> PyErr {
     ShieldError::new_err(error.to_string())
 }
 
-/// What was decided: verdict, the means of the reset ensemble's values and of the undo probabilities, the rule's number (−1: none), cause and
-/// reason.
-type Verdict<'a> = (&'static str, f32, f32, i64, String, String);
-
-struct Inside {
-    drop_in: DropIn,
-    record: Option<Arc<shield_runtime::record::Record>>,
-    observation: Vec<f32>,
-    action: Vec<f32>,
-}
-
-impl Inside {
-    /// How many findings there are, and whether the record has something to tell, which counts as one.
-    fn told(&self) -> usize {
-        let has_trouble = self.record.as_ref().is_some_and(|record| record.has_trouble());
-        self.drop_in.findings().count() + usize::from(has_trouble)
-    }
-}
-
 /// A drop-in shield. The package's `Shield` gives it arrays of the right shape and type.
 #[pyclass(frozen, module = "shield._core")]
 struct Core {
-    inside: Mutex<Inside>,
+    inside: Arc<Mutex<Inside>>,
+    /// Another environment, in which nothing is learned.
+    other: Option<Mutex<Frozen>>,
     /// Where it was made: its threads do not follow a fork.
     process: u32,
     /// The ids of the rules, in the order in which the shield counts them.
@@ -84,9 +70,8 @@ struct Core {
     has_reset_task: bool,
     /// The user's, in the place of a reset agent that learns.
     reset_policy: Option<Arc<ResetPolicy>>,
-    /// What it was made from.
-    file: DropInFile,
-    plugins: PathBuf,
+    /// What it was made from: the configuration, and the folder of the wheel's plugins.
+    origin: Arc<(DropInFile, PathBuf)>,
 }
 
 impl Core {
@@ -103,15 +88,24 @@ impl Core {
     }
 
     /// Hands the shield to `body` without holding the interpreter.
-    fn with<R: Send>(&self, py: Python<'_>, body: impl FnOnce(&mut Inside) -> R + Send) -> PyResult<R> {
+    fn with<R: Send>(&self, py: Python<'_>, body: impl FnOnce(&mut DropIn) -> R + Send) -> PyResult<R> {
         let mut inside = self.lock(py)?;
         let inside: &mut Inside = &mut inside;
-        Ok(py.detach(move || body(inside)))
+        Ok(py.detach(move || inside.enter(self.other.as_ref(), |drop_in, _, _| body(drop_in))))
     }
 
     fn look<R>(&self, py: Python<'_>, body: impl FnOnce(&DropIn) -> R) -> PyResult<R> {
-        let inside = self.lock(py)?;
-        Ok(body(&inside.drop_in))
+        self.look_mut(py, |drop_in| body(drop_in))
+    }
+
+    fn look_mut<R>(&self, py: Python<'_>, body: impl FnOnce(&mut DropIn) -> R) -> PyResult<R> {
+        let mut inside = self.lock(py)?;
+        Ok(inside.enter(self.other.as_ref(), |drop_in, _, _| body(drop_in)))
+    }
+
+    /// Looks at the shield that learns, whichever environment this is.
+    fn look_at_learning<R>(&self, py: Python<'_>, body: impl FnOnce(&DropIn) -> R) -> PyResult<R> {
+        Ok(body(&self.lock(py)?.drop_in))
     }
 }
 
@@ -149,15 +143,15 @@ impl Core {
             let rules = file.config.rules().map(|choice| choice.plugin.clone()).collect();
             let observation = vec![0.0; drop_in.spaces().observation_len()];
             let action = vec![0.0; drop_in.spaces().action_len()];
-            let inside = Mutex::new(Inside { drop_in, record: None, observation, action });
+            let inside = Arc::new(Mutex::new(Inside { drop_in, record: None, observation, action }));
             Ok(Self {
                 inside,
+                other: None,
                 process: std::process::id(),
                 rules,
                 has_reset_task: file.config.reset_task.is_some(),
                 reset_policy,
-                file,
-                plugins,
+                origin: Arc::new((file, plugins)),
             })
         })
     }
@@ -177,12 +171,15 @@ impl Core {
             decisions: every.unwrap_or(usual.decisions),
             limit: limit.unwrap_or(usual.limit),
         };
-        let begun = self.with(py, |inside| {
-            let registry = Registry::scan(&SearchPath::beside(&self.plugins));
-            let (drop_in, file) = (&mut inside.drop_in, &self.file);
+        let mut inside = self.lock(py)?;
+        let inside: &mut Inside = &mut inside;
+        let begun = py.detach(|| {
+            let (file, plugins) = &*self.origin;
+            let registry = Registry::scan(&SearchPath::beside(plugins));
+            let drop_in = &mut inside.drop_in;
             let begun = shield_runtime::record::Record::begin(drop_in, file, &registry, &folder, settings);
             begun.map(|record| Arc::clone(inside.record.insert(Arc::new(record))))
-        })?;
+        });
         begun.map(Record::new).map_err(|error| ConfigError::new_err(format!("record: {error:#}")))
     }
 
@@ -197,14 +194,38 @@ impl Core {
         let inside: &mut Inside = &mut inside;
         copy("the observation", &observation, &mut inside.observation)?;
         copy("the action", &action, &mut inside.action)?;
-        let decision = py.detach(|| inside.drop_in.filter(&inside.observation, &mut inside.action));
+        let decided = py.detach(|| {
+            inside.enter(self.other.as_ref(), |drop_in, observation, action| {
+                let decided = drop_in.filter(observation, action);
+                decided.map(|decision| verdict(drop_in, decision))
+            })
+        });
         action.as_slice_mut()?.copy_from_slice(&inside.action);
         self.raise(inside)?;
-        Ok(verdict(&inside.drop_in, decision.map_err(failed)?))
+        decided.map_err(failed)
     }
 
-    /// What was executed led to this observation. Returns how many findings there are, and one more if the record has something to tell. `signal`: reset reward and whether it is in the reset set, if there
-    /// is no reset task. `irreversible`: nothing follows but a count.
+    /// The same shield for another environment, in which nothing is learned or counted.
+    fn frozen(&self, py: Python<'_>) -> PyResult<Self> {
+        let other = self.look_at_learning(py, DropIn::freeze)?;
+        Ok(Self {
+            inside: Arc::clone(&self.inside),
+            other: Some(Mutex::new(other)),
+            process: self.process,
+            rules: self.rules.clone(),
+            has_reset_task: self.has_reset_task,
+            reset_policy: self.reset_policy.clone(),
+            origin: Arc::clone(&self.origin),
+        })
+    }
+
+    /// Tells of the reward of the forward step that was just observed, and of that of an abort.
+    fn note_reward(&self, py: Python<'_>, reward: f64, abort_reward: f64) -> PyResult<()> {
+        self.look_mut(py, |drop_in| drop_in.note_reward(reward, abort_reward))
+    }
+
+    /// What was executed led to this observation. Returns how many findings there are, and one more if the record has something to tell. `signal`:
+    /// reset reward and whether it is in the reset set, if there is no reset task. `irreversible`: nothing follows but a count.
     fn observe(
         &self,
         py: Python<'_>,
@@ -237,7 +258,7 @@ impl Core {
 
     /// What keeps the shield from helping, as name and sentence, but for the first `told`.
     fn findings(&self, py: Python<'_>, told: usize) -> PyResult<Vec<Told>> {
-        self.look(py, |drop_in| {
+        self.look_at_learning(py, |drop_in| {
             let new = drop_in.findings().skip(told);
             new.map(|finding| (finding.name(), finding.to_string())).collect()
         })
@@ -245,13 +266,13 @@ impl Core {
 
     /// Hands over to the reset agent; returns whether it is in charge.
     fn begin_reset(&self, py: Python<'_>) -> PyResult<bool> {
-        self.with(py, |inside| inside.drop_in.begin_reset())
+        self.with(py, DropIn::begin_reset)
     }
 
     /// `has_ended`: the environment does not go on from here. `is_requested`: the caller wants one, though none may be due. Else where the
     /// environment stands is not known.
     fn require_hard_reset(&self, py: Python<'_>, has_ended: bool, is_requested: bool) -> PyResult<()> {
-        self.with(py, |Inside { drop_in, .. }| {
+        self.with(py, |drop_in| {
             let cause = match (has_ended, is_requested) {
                 (true, _) => HardResetDue::Terminated,
                 (false, true) => drop_in.hard_reset_due().unwrap_or(HardResetDue::Requested),
@@ -297,13 +318,13 @@ impl Core {
     /// Steps after which irreversible states were entered, as far as `observe` was told.
     #[getter]
     fn irreversible_entries(&self, py: Python<'_>) -> PyResult<u64> {
-        self.look(py, |drop_in| drop_in.counters().irreversible_entries)
+        self.look_at_learning(py, |drop_in| drop_in.counters().irreversible_entries)
     }
 
     fn metrics<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let metrics = PyDict::new(py);
         let mut taken = Ok(());
-        self.look(py, |drop_in| {
+        self.look_at_learning(py, |drop_in| {
             drop_in.metrics(&mut |name, value| {
                 if taken.is_ok() {
                     taken = metrics.set_item(name, value);
@@ -314,7 +335,7 @@ impl Core {
     }
 
     fn save(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
-        self.with(py, |inside| drop_in_files::save(&mut inside.drop_in, &path))?.map_err(failed)
+        self.with(py, |drop_in| drop_in_files::save(drop_in, &path))?.map_err(failed)
     }
 
     fn __traverse__(&self, visit: PyVisit<'_>) -> Result<(), PyTraverseError> {
@@ -322,7 +343,7 @@ impl Core {
     }
 
     fn load(&self, py: Python<'_>, path: PathBuf) -> PyResult<()> {
-        self.with(py, |inside| drop_in_files::load(&mut inside.drop_in, &path))?.map_err(failed)
+        self.with(py, |drop_in| drop_in_files::load(drop_in, &path))?.map_err(failed)
     }
 }
 
@@ -336,37 +357,23 @@ impl Core {
         let mut inside = self.lock(py)?;
         let inside: &mut Inside = &mut inside;
         copy("the observation", observation, &mut inside.observation)?;
-        let seen = py.detach(|| body(&mut inside.drop_in, &inside.observation));
+        let seen = py.detach(|| {
+            inside.enter(self.other.as_ref(), |drop_in, observation, _| body(drop_in, observation))
+        });
         self.raise(inside)?;
         seen.map_err(failed)?;
-        Ok(inside.told())
+        // Nobody is told anything of an environment in which nothing is counted.
+        Ok(if self.other.is_some() { 0 } else { inside.told() })
     }
 
     /// What the user's reset policy raised reaches the user as it is. Nothing may move then before a hard reset.
     fn raise(&self, inside: &mut Inside) -> PyResult<()> {
         let raised = self.reset_policy.as_ref().and_then(|policy| policy.take_raised());
         raised.map_or(Ok(()), |error| {
-            inside.drop_in.require_hard_reset(HardResetDue::Lost);
+            inside.enter(self.other.as_ref(), |drop_in, _, _| drop_in.require_hard_reset(HardResetDue::Lost));
             Err(error)
         })
     }
-}
-
-fn verdict(drop_in: &DropIn, decision: Decision) -> Verdict<'static> {
-    let name = match decision {
-        Decision::Allow => "allow",
-        Decision::WarmUp => "warm_up",
-        Decision::Project(_) => "project",
-        Decision::Abort(_) => "abort",
-        Decision::Resetting => "resetting",
-    };
-    let rejection = decision.abort().or(decision.projection().map(|projection| projection.rejection));
-    let (value, probability) = (drop_in.reset_value(), drop_in.undo_probability());
-    let Some(rejection) = rejection else {
-        return (name, value, probability, -1, String::new(), String::new());
-    };
-    let rule = rejection.rule.and_then(|rule| i64::try_from(rule).ok()).unwrap_or(-1);
-    (name, value, probability, rule, rejection.cause.to_string(), drop_in.reason().to_owned())
 }
 
 #[pymodule]
@@ -376,6 +383,7 @@ fn _core(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<Record>()?;
     module.add_function(wrap_pyfunction!(given::usual_config, module)?)?;
     module.add_function(wrap_pyfunction!(given::written_at, module)?)?;
+    module.add_function(wrap_pyfunction!(given::experience_bytes, module)?)?;
     module.add("ConfigError", module.py().get_type::<ConfigError>())?;
     module.add("ShieldError", module.py().get_type::<ShieldError>())?;
     module.add("USUAL_RISK", USUAL_ACCEPTED_RISK)?;

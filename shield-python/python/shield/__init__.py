@@ -1,7 +1,7 @@
 """A safety shield for reinforcement learning: it learns to undo, and stops what cannot be undone.
 
-    import gymnasium, shield
-    env = shield.ShieldedEnv(gymnasium.make("InvertedPendulum-v5"))
+    import shield
+    env = shield.ShieldedEnv(YourEnv(), in_reset_set=lambda observation: abs(observation[0]) < 0.1)
 
 `ShieldedEnv` is a Gymnasium wrapper; `Shield` is for a loop of your own; `doctor` says before any training whether a shield can help.
 """

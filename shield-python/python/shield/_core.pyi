@@ -24,6 +24,14 @@ def written_at(
 ) -> str | None:
     """The RON text at a path of the configuration, with the overrides; None where nothing is written."""
 
+def experience_bytes(
+    observation: tuple[list[float], list[float]],
+    action: tuple[list[float], list[float]] | int,
+    config: str | os.PathLike[str] | None,
+    sets: list[tuple[str, str, str]],
+) -> int:
+    """Bytes that the experience takes once it is full; nothing is allocated yet."""
+
 @final
 class Record:
     def flush(self) -> None: ...
@@ -54,6 +62,8 @@ class Core:
         terminated: bool,
         irreversible: bool,
     ) -> int: ...
+    def frozen(self) -> Core: ...
+    def note_reward(self, reward: float, abort_reward: float) -> None: ...
     def observe_start(self, observation: npt.NDArray[np.float32]) -> int: ...
     def hard_reset_done(self, observation: npt.NDArray[np.float32], is_inside: bool | None) -> int: ...
     def findings(self, told: int) -> list[tuple[str, str]]: ...

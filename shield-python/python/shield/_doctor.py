@@ -10,7 +10,8 @@ import gymnasium
 import numpy as np
 
 from ._core import Examination, written_at
-from ._env import ShieldedEnv, time_limit
+from ._chain import time_limit
+from ._env import ShieldedEnv
 from ._settings import Settings, overrides, overrides_of_first_rule, refuse_unknown
 from ._shield import NO_MEANING, PLUGINS, Meaning
 from ._spaces import Observations, actions
@@ -78,7 +79,7 @@ def doctor(
     sets = overrides(settings)
     if meaning.is_told:
         sets.insert(0, ("reset_task", "None", "reset_reward and in_reset_set"))
-    is_discrete = isinstance(env.action_space, gymnasium.spaces.Discrete)
+    is_discrete = isinstance(form, int)
     sets += overrides_of_first_rule(settings, lambda path: written_at(config, is_discrete, sets, path))
     bounds = observations.low.tolist(), observations.high.tolist()
     examination = Examination(bounds, form, config, sets, PLUGINS)

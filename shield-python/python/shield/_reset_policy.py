@@ -7,11 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from ._spaces import Boxed, Chosen, Floats, Observations
+from ._spaces import Boxed, Chosen, Combined, Floats, Observations
 
 
 def flat_policy(
-    policy: Callable[[Any], Any] | None, observations: Observations, space: Boxed | Chosen
+    policy: Callable[[Any], Any] | None, observations: Observations, space: Boxed | Chosen | Combined
 ) -> Callable[[Floats], Floats] | None:
     """The policy on vectors. It raises where its action is not one of the action space."""
     if policy is None:

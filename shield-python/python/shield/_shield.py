@@ -7,21 +7,24 @@ import os
 import pathlib
 import warnings
 import weakref
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 import numpy as np
 from gymnasium import spaces
 
-from ._core import Core, Record, written_at
+from ._core import Core, Record, ShieldError, experience_bytes, written_at
 from ._reset_policy import flat_policy
 from ._settings import Settings, accepted_risk_of, overrides, overrides_of_first_rule, recorded, refuse_unknown
-from ._spaces import Floats, Observations, actions
+from ._spaces import Boxed, Floats, Observations, actions
 
 if TYPE_CHECKING:
     from typing_extensions import Unpack
 
 #: With a reset reward alone, a state that is worth more than this is in the reset set (the paper, appendix C).
 RESET_SET_ABOVE = 0.7
+
+#: Of so many bytes of experience a person is told before they are used.
+MUCH_MEMORY = 2**30
 
 PLUGINS = pathlib.Path(__file__).parent / "plugins"
 
@@ -163,6 +166,8 @@ class Shield:
         #: Whether functions say what "reset" means, and no reset task.
         self.is_told = self._meaning.is_told
         self._observations, self._actions = Observations(observation_space), actions(action_space)
+        #: Whether actions are a box of numbers, and no choices.
+        self.is_box = isinstance(self._actions, Boxed)
         low, high = self._observations.low.tolist(), self._observations.high.tolist()
 
         sets = overrides(settings)
@@ -170,7 +175,7 @@ class Shield:
             sets.insert(0, ("reset_task", "None", "reset_reward and in_reset_set"))
 
         def written(path: str) -> str | None:
-            return written_at(config, isinstance(action_space, spaces.Discrete), sets, path)
+            return written_at(config, not self.is_box, sets, path)
 
         way_home = flat_policy(settings.get("reset_policy"), self._observations, self._actions)
         if way_home is not None:
@@ -178,6 +183,15 @@ class Shield:
             sets.insert(0, ("reset", "None", "reset_policy"))
         # Last, for an override may have put another rule there.
         sets += overrides_of_first_rule(settings, written)
+        if self._observations.are_bytes and written("experience.observations") is None:
+            sets.insert(0, ("experience.observations", "Bytes", "observations of 8 bits"))
+        size = experience_bytes((low, high), self._actions.form, config, sets)
+        if size > MUCH_MEMORY:
+            text = (
+                f"the experience takes {size / 2**30:.1f} GiB once it is full, and memory is used as it fills. Observations have {len(low):,} numbers: show the shield"
+                " smaller ones, or keep fewer transitions, overrides={\"experience.capacity\": 10_000}"
+            )
+            warnings.warn(ShieldWarning(f"{text} [much-memory]", "much-memory"), stacklevel=3)
         tensorboard = settings.get("tensorboard")
         self._core = Core((low, high), self._actions.form, config, sets, PLUGINS, tensorboard, way_home)
         #: The share of attempts that may fail, and how many hard resets per 1,000 steps, as the first rule accepts them; None where it does not.
@@ -191,13 +205,21 @@ class Shield:
             self._record = self._core.record(*record)
             # Nobody destroys what lives until the interpreter ends.
             weakref.finalize(self, self._record.flush)
+        #: Whether nothing is learned and counted here.
+        self.is_frozen = False
         self._seen: Floats = self._observations.empty()
+        # What is wrong with it; empty if nothing is.
+        self._fault = ""
         self._buffer: Floats = np.zeros(self._actions.length, np.float32)
 
     def filter(self, observation: Any, action: Any) -> Decision:
         """Decides on an action; it must be one of the action space, else it is aborted (outside) or refused (ValueError: wrong shape or dtype)."""
-        self._observations.write(observation, self._seen)
+        self.look(observation)
         return self.decide(action)
+
+    def look(self, observation: Any) -> None:
+        """The environment shows this now, although nothing was executed: there is a new goal, or something was moved between two episodes."""
+        self._fault = self._observations.write(observation, self._seen)
 
     def decide(self, action: Any) -> Decision:
         """As `filter`, at the observation that was reported last."""
@@ -205,6 +227,8 @@ class Shield:
         verdict, reset_value, undo_probability, rule, cause, reason = self._core.filter(self._seen, self._buffer)
         if cause == "invalid_action":
             reason = self._actions.explained(reason, action)
+        elif cause == "invalid_observation" and self._fault:
+            reason = self._fault
         is_unchanged = verdict == "allow" or verdict == "warm_up"
         return Decision(
             verdict,
@@ -223,10 +247,28 @@ class Shield:
         self._core.filter(self._seen, self._buffer)
         return self._actions.write(self._buffer)
 
+    def clipped(self, action: Any) -> Any:
+        """An action of a box, brought into its bounds. What has no place there, such as NaN or a wrong shape, stays as it is."""
+        return self._actions.clipped(action) if isinstance(self._actions, Boxed) else action
+
+    def note_reward(self, reward: float, abort_reward: float) -> None:
+        """Tells of the reward of the step that was just executed and of that of an abort, so that a finding can say where aborting pays."""
+        self._core.note_reward(reward, abort_reward)
+
+    def frozen(self) -> Shield:
+        """The same shield for another environment with the same spaces, in which nothing is learned, explored or counted."""
+        view = Shield.__new__(Shield)
+        view.__dict__.update(self.__dict__)
+        view._core, view._record, view.is_frozen = self._core.frozen(), None, True
+        view._seen, view._buffer, view._fault = self._observations.empty(), self._buffer.copy(), ""
+        return view
+
     def observe_start(self, observation: Any) -> None:
         """Shows the reset task one more start, from which nothing follows: for a simulator that can be reset a few times before the first step."""
         seen = self._observations.empty()
-        self._observations.write(observation, seen)
+        fault = self._observations.write(observation, seen)
+        if fault:
+            raise ShieldError(fault)
         self._core.observe_start(seen)
 
     def observe(self, observation: Any, *, terminated: bool = False, irreversible: bool = False) -> None:
@@ -236,7 +278,9 @@ class Shield:
         If it raises, a hard reset is needed as well: what was executed is not in the experience.
         """
         try:
-            self._observations.write(observation, self._seen)
+            self.look(observation)
+            if self._fault:
+                raise ShieldError(self._fault)
             found = self._core.observe(self._seen, self._meaning.signal(observation), terminated, irreversible)
         except BaseException:
             self.require_hard_reset()
@@ -247,7 +291,9 @@ class Shield:
     def hard_reset_done(self, observation: Any) -> None:
         """Everything is at its start, by a person's or the environment's doing. If it raises, a hard reset is still needed."""
         self.require_hard_reset(requested=True)
-        self._observations.write(observation, self._seen)
+        self.look(observation)
+        if self._fault:
+            raise ShieldError(self._fault)
         # What says what "reset" means fails here rather than after an action.
         signal = self._meaning.signal(observation)
         if self._core.hard_reset_done(self._seen, signal and signal[1]) > self._told:
@@ -323,6 +369,7 @@ class Shield:
     def save(self, path: str | os.PathLike[str]) -> None:
         """Writes everything that was learned and counted into a file, in one step: a failure leaves the old file as it was. Only a regular file is replaced;
         a folder, a device, a pipe or a symbolic link of that name raises."""
+        self._refuse_if_frozen()
         self._core.save(path)
         self.close()
 
@@ -335,5 +382,24 @@ class Shield:
     def load(self, path: str | os.PathLike[str]) -> None:
         """Goes on from a file of a shield with the same spaces, reset agent, rules and reset task, whatever the rules' settings and the capacity of the
         experience (of more transitions than there is room for, the newest stay); a hard reset is needed then, also if it raises."""
+        self._refuse_if_frozen()
         self._core.load(path)
         self._told = len(self._core.findings(0))
+
+    def _refuse_if_frozen(self) -> None:
+        if self.is_frozen:
+            raise ShieldError("a frozen shield has nothing of its own to keep: use the one that learns")
+
+    def __reduce__(self) -> NoReturn:
+        raise TypeError(NOT_COPIED)
+
+    __copy__ = __reduce__
+
+    def __deepcopy__(self, _: Any) -> NoReturn:
+        raise TypeError(NOT_COPIED)
+
+
+NOT_COPIED = (
+    "a Shield cannot be pickled or copied: it has threads and plugins. save(path) and load(path) keep what it has learned, frozen() is the same shield for another"
+    " environment, and another process needs a shield of its own"
+)

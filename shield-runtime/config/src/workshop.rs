@@ -116,7 +116,10 @@ impl Workshop<'_> {
         success: Option<&Critic>,
         spaces: &Spaces,
     ) -> Result<Memory, InputError> {
+        let kept = config.observations;
+        kept.check(&spaces.observation).map_err(|error| self.refused("experience.observations", &error))?;
         let experience = Experience::new(config.capacity, spaces, members, config.bootstrap_probability)
+            .and_then(|experience| experience.keeping(kept))
             .map(|experience| experience.with_abort_lifetime(config.abort_lifetime))
             .and_then(|experience| match success {
                 None => Ok(experience),

@@ -11,6 +11,7 @@
 
 mod attempts;
 mod deciding;
+mod frozen;
 mod learning;
 mod looking;
 mod settings;
@@ -304,6 +305,11 @@ impl ResetCycle {
     /// Whether the start at which everything was placed last counts as reset, where the caller knows.
     pub fn note_start(&mut self, is_inside: bool) {
         self.diagnosis.start(is_inside);
+    }
+
+    /// The reward of a forward step, and the one that an abort gives, where the caller knows them.
+    pub fn note_reward(&mut self, reward: f64, abort_reward: f64) {
+        self.diagnosis.reward(reward, abort_reward);
     }
 
     fn is_shielded(&self) -> bool {

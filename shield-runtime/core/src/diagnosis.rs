@@ -5,11 +5,13 @@
 
 mod finding;
 mod forward_share;
+mod rewards;
 #[cfg(test)]
 mod tests;
 
-pub use finding::Finding;
+pub use finding::{Finding, Found};
 use forward_share::ForwardShare;
+use rewards::Rewards;
 
 use serde::{Deserialize, Serialize};
 use shield_api::{StepOutcome, metrics::Metrics};
@@ -74,17 +76,6 @@ enum ResetCause {
     Requested,
 }
 
-/// A finding, when it was made, and whether it still holds.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-pub struct Found {
-    /// As it was when it was made.
-    pub finding: Finding,
-    /// Environment steps before.
-    pub step: u64,
-    /// It holds no more: what was wrong has passed.
-    pub is_over: bool,
-}
-
 /// Counts what happens around a shield, and concludes what is wrong.
 #[derive(Debug, Clone, Copy, Default, Serialize, Deserialize)]
 pub struct Diagnosis {
@@ -99,6 +90,7 @@ pub struct Diagnosis {
     episodes: Episodes,
     share: Share,
     forward_share: ForwardShare,
+    rewards: Rewards,
     accepted_risk: Option<f64>,
 }
 

@@ -5,12 +5,14 @@
 
 mod builder;
 mod calibration;
+mod frozen;
 mod looking;
 mod metrics;
 mod observing;
 mod state;
 
 pub use builder::{DropInBuilder, Learning};
+pub use frozen::Frozen;
 pub use metrics::EpisodeLog;
 pub use observing::DropInObserver;
 pub use state::{DropInState, RestoreError};
@@ -91,6 +93,8 @@ pub struct DropIn {
     calibration_resets: u32,
     metrics: EpisodeMetrics,
     observer: Option<Box<dyn DropInObserver>>,
+    /// It is lent to another environment: nothing learns, and nobody is told of anything.
+    is_frozen: bool,
 }
 
 impl DropIn {
@@ -108,7 +112,14 @@ impl DropIn {
         let (Some(_), Some(_)) = (&cycle.parts().ladder, &cycle.parts().reset) else {
             return Err(Error::invalid_argument("a shield needs rules and a reset agent"));
         };
-        Ok(Self { cycle, task, calibration_resets: 0, metrics: EpisodeMetrics::default(), observer: None })
+        Ok(Self {
+            cycle,
+            task,
+            calibration_resets: 0,
+            metrics: EpisodeMetrics::default(),
+            observer: None,
+            is_frozen: false,
+        })
     }
 
     /// Everything is at its start, where `observation` is seen: before the first step, and after each hard reset.
@@ -127,7 +138,7 @@ impl DropIn {
     pub fn hard_reset_done_at(&mut self, observation: &[f32], is_inside: Option<bool>) -> Result<()> {
         self.cut(self.cycle.hard_reset_due().unwrap_or(HardResetDue::Requested));
         check_finite("the observation after a reset", observation, self.spaces().observation_len())?;
-        if let Some(task) = &mut self.task {
+        if let Some(task) = self.task.as_mut().filter(|_| !self.is_frozen) {
             self.cycle.metrics().collect(|| task.observe_start(observation))?;
         }
         if self.cycle.is_placed() {
@@ -242,13 +253,20 @@ impl DropIn {
         irreversible: bool,
     ) -> Result<()> {
         let outcome = self.signal(next_observation, signal).map(|signal| StepOutcome {
-            reset_reward: signal.reward,
-            in_reset_set: signal.in_reset_set,
+            // What an environment shows that has ended may be its start: nothing was reached, and nothing is earned by it.
+            reset_reward: if terminated { signal.reward.min(0.0) } else { signal.reward },
+            in_reset_set: signal.in_reset_set && !terminated,
             terminated,
             irreversible,
             ..StepOutcome::default()
         });
         self.conclude(next_observation, outcome)
+    }
+
+    /// Tells of the reward of the forward step that was just executed, beside the one that an abort gives: where aborting pays, an agent learns to be
+    /// aborted. Only [`findings`](Self::findings) depend on it.
+    pub fn note_reward(&mut self, reward: f64, abort_reward: f64) {
+        self.cycle.note_reward(reward, abort_reward);
     }
 
     /// As [`observe`](Self::observe), for an environment of the interface, which says what "reset" means itself.

@@ -7,11 +7,13 @@
 mod attempts;
 mod batch;
 mod failures;
+mod observations;
 mod rows;
 mod undo;
 
 pub use attempts::Attempt;
 pub use batch::BatchBuffers;
+pub use observations::Kept;
 pub use undo::{AttemptBuffers, Fate, UndoMemoryState, UndoSettings};
 
 use std::ops::Range;
@@ -20,7 +22,7 @@ use rand::{Rng, RngExt};
 use serde::{Deserialize, Serialize};
 use shield_api::{Batch, Error, Result, Spaces};
 
-use self::undo::UndoMemory;
+use self::{failures::Failures, observations::Observations, undo::UndoMemory};
 
 /// One of the two agents.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -126,9 +128,10 @@ pub struct Experience {
     abort_lifetime: Option<u64>,
     /// Transitions ever stored; the next one goes to the slot of that number, modulo the capacity.
     pushed: u64,
-    observations: Vec<f32>,
+    kept_as: Kept,
+    observations: Observations,
     actions: Vec<f32>,
-    next_observations: Vec<f32>,
+    next_observations: Observations,
     shares: [Shares; 2],
     mask: Vec<u64>,
     /// What a success critic learns from; `None` where there is none.
@@ -158,9 +161,10 @@ impl Experience {
             bootstrap_probability,
             abort_lifetime: None,
             pushed: 0,
-            observations: rows(capacity, observation_len)?,
+            kept_as: Kept::Floats,
+            observations: Observations::new(Kept::Floats, capacity, observation_len)?,
             actions: rows(capacity, action_len)?,
-            next_observations: rows(capacity, observation_len)?,
+            next_observations: Observations::new(Kept::Floats, capacity, observation_len)?,
             shares,
             mask: vec![0; words],
             undo: None,
@@ -174,6 +178,19 @@ impl Experience {
         self
     }
 
+    /// Keeps observations so; to be said while it is empty.
+    ///
+    /// # Errors
+    /// The memory does not have that much room.
+    pub fn keeping(mut self, kept_as: Kept) -> Result<Self> {
+        if kept_as != self.kept_as {
+            self.observations = Observations::new(kept_as, self.capacity, self.observation_len)?;
+            self.next_observations = Observations::new(kept_as, self.capacity, self.observation_len)?;
+            self.kept_as = kept_as;
+        }
+        Ok(self)
+    }
+
     /// Also keeps what a success critic learns from; to be said while it is empty.
     ///
     /// # Errors
@@ -182,6 +199,16 @@ impl Experience {
         let width = 2 * self.observation_len + self.action_len;
         self.undo = Some(UndoMemory::new(settings, self.capacity, width)?);
         Ok(self)
+    }
+
+    /// Bytes of a memory with so much room once it is full, for ensembles that learn from everything. `keeps_undo`: [also](Self::with_undo) what a
+    /// success critic learns from.
+    pub fn bytes_when_full(capacity: usize, kept_as: Kept, spaces: &Spaces, keeps_undo: bool) -> u64 {
+        let (observation, action) = (spaces.observation_len() as u64, spaces.action_len() as u64);
+        let of_float = size_of::<f32>() as u64;
+        let row = 2 * observation * kept_as.width() as u64 + (action + 5) * of_float;
+        let failures = if keeps_undo { Failures::most(capacity) as u64 } else { 0 };
+        (capacity as u64).saturating_mul(row) + failures * (2 * observation + action) * of_float
     }
 
     /// How many transitions there is room for.
@@ -212,9 +239,9 @@ impl Experience {
     /// Stores a transition, over the oldest one if the memory is full, and draws its bootstrap masks from `rng`.
     pub fn push(&mut self, transition: &Transition<'_>, rng: &mut impl Rng) {
         let slot = self.slot(self.pushed);
-        put(&mut self.observations, slot, transition.observation);
+        self.observations.put(slot, transition.observation);
         put(&mut self.actions, slot, transition.action);
-        put(&mut self.next_observations, slot, transition.next_observation);
+        self.next_observations.put(slot, transition.next_observation);
         for (share, taken) in self.shares.iter_mut().zip([transition.forward, transition.reset]) {
             share.put(slot, taken);
             let mask = &mut self.mask[..share.words];
@@ -279,9 +306,10 @@ impl Experience {
             while share.continuations[slot] == NO_SHARE || self.is_stale(slot) {
                 slot = rng.random_range(0..self.len());
             }
-            copy(&mut buffers.observations, row, &self.observations, slot, self.observation_len);
+            let row_of = |length: usize| row * length..(row + 1) * length;
+            self.observations.get(slot, &mut buffers.observations[row_of(self.observation_len)]);
             copy(&mut buffers.actions, row, &self.actions, slot, self.action_len);
-            copy(&mut buffers.next_observations, row, &self.next_observations, slot, self.observation_len);
+            self.next_observations.get(slot, &mut buffers.next_observations[row_of(self.observation_len)]);
             buffers.rewards[row] = share.rewards[slot];
             buffers.continuations[row] = share.continuations[slot];
             if share.words > 0 {

@@ -4,6 +4,7 @@
 #[path = "../common/mod.rs"]
 mod common;
 mod files;
+mod frozen;
 
 use std::{fs, ops::Range, path::Path, thread};
 

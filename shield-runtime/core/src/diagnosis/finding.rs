@@ -106,6 +106,28 @@ pub enum Finding {
         /// Forward steps for each attempt.
         forward_length: f64,
     },
+    /// Most steps of the agent are worth less to it than an abort.
+    AbortsPay {
+        /// Rewards below that of an abort.
+        below: u32,
+        /// Rewards that were looked at.
+        rewards: u32,
+        /// Their mean.
+        mean: f64,
+        /// The reward of an abort.
+        abort_reward: f64,
+    },
+}
+
+/// A finding, when it was made, and whether it still holds.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct Found {
+    /// As it was when it was made.
+    pub finding: Finding,
+    /// Environment steps before.
+    pub step: u64,
+    /// It holds no more: what was wrong has passed.
+    pub is_over: bool,
 }
 
 /// What to do where attempts succeed and take too long.
@@ -125,7 +147,7 @@ const GOOD_SHARE: f64 = 0.6;
 
 impl Finding {
     /// How many kinds there are.
-    pub const KINDS: usize = 11;
+    pub const KINDS: usize = 12;
 
     /// Its name, which stays.
     pub fn name(&self) -> &'static str {
@@ -141,6 +163,7 @@ impl Finding {
             Self::RiskExceeded { .. } => "risk-exceeded",
             Self::FewForwardSteps { .. } => "few-forward-steps",
             Self::SlowReturn { .. } => "slow-return",
+            Self::AbortsPay { .. } => "aborts-pay",
         }
     }
 }
@@ -236,6 +259,12 @@ impl fmt::Display for Finding {
                 percent(forward_length / (forward_length + attempt_length)),
                 percent(GOOD_SHARE),
                 forward_length * (1.0 - GOOD_SHARE) / GOOD_SHARE
+            ),
+            Self::AbortsPay { below, rewards, mean, abort_reward } => write!(
+                f,
+                "{below} of the last {rewards} rewards were below {abort_reward}, which an aborted step gives: to end an episode by an abort pays, \
+                 and an agent that learns will seek it. Set `abort_reward` to what the rest of an episode costs: the mean reward of a step \
+                 was {mean:.3}"
             ),
         }
     }

@@ -363,6 +363,7 @@ fn each_finding_is_told_once_and_there_is_room_for_all() {
         Finding::RiskExceeded { failures: 50, ended: 0, attempts: 100, accepted: 0.05 },
         Finding::FewForwardSteps { forward: 100, steps: 950, attempts: 9, successes: 1, ended: 0 },
         Finding::SlowReturn { successes: 20, attempts: 20, attempt_length: 50.0, forward_length: 10.0 },
+        Finding::AbortsPay { below: 500, rewards: 500, mean: -1.0, abort_reward: 0.0 },
     ];
     assert_eq!(all.len(), Finding::KINDS);
     for finding in all.iter().chain(&all) {

@@ -21,7 +21,7 @@ impl DropIn {
     /// How many more starts are to be shown to the reset task, by [`observe_start`](Self::observe_start), before the first step. The environment
     /// must be reset for each; where that costs a person's time, none need be.
     pub fn calibration_resets(&self) -> u32 {
-        if self.is_placed() { 0 } else { self.calibration_resets }
+        if self.is_placed() || self.is_frozen { 0 } else { self.calibration_resets }
     }
 
     /// Shows the reset task one more start, from which nothing follows: nothing is counted, and where the environment stands stays as it was.
@@ -31,6 +31,9 @@ impl DropIn {
     /// The observation is invalid, or the reset task failed.
     pub fn observe_start(&mut self, observation: &[f32]) -> Result<()> {
         check_finite("the observation after a reset", observation, self.spaces().observation_len())?;
+        if self.is_frozen {
+            return Ok(());
+        }
         self.calibration_resets = self.calibration_resets.saturating_sub(1);
         // What the task says of this start is not said of the first one.
         self.task.as_mut().map_or(Ok(()), |task| task.observe_start(observation))

@@ -49,9 +49,14 @@ impl Label {
 }
 
 impl Failures {
+    /// How many are kept beside a memory of `capacity` transitions.
+    pub fn most(capacity: usize) -> usize {
+        capacity.min(CAPACITY)
+    }
+
     /// Room for transitions of `width` numbers, of a memory of `capacity` transitions.
     pub fn new(capacity: usize, width: usize) -> Self {
-        let capacity = capacity.min(CAPACITY);
+        let capacity = Self::most(capacity);
         Self {
             rows: Vec::with_capacity(capacity * width),
             labels: Vec::with_capacity(capacity),
@@ -65,19 +70,17 @@ impl Failures {
         self.labels.len()
     }
 
-    pub fn push(&mut self, parts: [&[f32]; 3], label: Label) {
-        if self.labels.len() < self.capacity {
+    /// Makes place for one more transition, over the oldest one where it is full; its numbers are to be written there.
+    pub fn place(&mut self, label: Label) -> &mut [f32] {
+        let at = if self.labels.len() < self.capacity { self.labels.len() } else { self.next };
+        if at == self.labels.len() {
             self.labels.push(label);
-            parts.iter().for_each(|part| self.rows.extend_from_slice(part));
+            self.rows.resize(self.labels.len() * self.width, 0.0);
         } else {
-            self.labels[self.next] = label;
-            let mut at = self.next * self.width;
-            for part in parts {
-                self.rows[at..at + part.len()].copy_from_slice(part);
-                at += part.len();
-            }
+            self.labels[at] = label;
         }
         self.next = (self.next + 1) % self.capacity;
+        &mut self.rows[at * self.width..(at + 1) * self.width]
     }
 
     pub fn get(&self, index: usize) -> (&[f32], Label) {

@@ -7,17 +7,23 @@ use super::{Experience, NO_SHARE};
 impl Experience {
     /// Bytes of one transition as [`write_rows`](Self::write_rows) writes it.
     pub fn row_bytes(&self) -> usize {
-        let floats = 2 * self.observation_len + self.action_len + 2 * self.shares.len();
+        let observations = 2 * self.observation_len * self.kept_as.width();
+        let floats = self.action_len + 2 * self.shares.len();
         let words: usize = self.shares.iter().map(|share| share.words).sum();
         let fates = usize::from(self.undo.is_some());
-        (floats + fates) * size_of::<f32>() + words * size_of::<u64>()
+        observations + (floats + fates) * size_of::<f32>() + words * size_of::<u64>()
     }
 
     /// Appends kept transitions to `bytes`, [`row_bytes`](Self::row_bytes) each, little-endian.
     pub fn write_rows(&self, numbers: Range<u64>, bytes: &mut Vec<u8>) {
         for slot in numbers.map(|number| self.slot(number)) {
-            for (rows, length) in self.columns() {
-                bytes.extend(rows[slot * length..(slot + 1) * length].iter().flat_map(|x| x.to_le_bytes()));
+            self.observations.write(slot, self.observation_len, bytes);
+            let action = &self.actions[slot * self.action_len..(slot + 1) * self.action_len];
+            bytes.extend(action.iter().flat_map(|number| number.to_le_bytes()));
+            self.next_observations.write(slot, self.observation_len, bytes);
+            for share in &self.shares {
+                bytes.extend(share.rewards[slot].to_le_bytes());
+                bytes.extend(share.continuations[slot].to_le_bytes());
             }
             for share in &self.shares {
                 let mask = &share.masks[slot * share.words..(slot + 1) * share.words];
@@ -33,9 +39,9 @@ impl Experience {
     pub fn expect_rows(&mut self, kept: Range<u64>) {
         let length = (kept.end - kept.start) as usize;
         let (observation_len, action_len) = (self.observation_len, self.action_len);
-        self.observations.resize(length * observation_len, 0.0);
+        self.observations.resize(length * observation_len);
         self.actions.resize(length * action_len, 0.0);
-        self.next_observations.resize(length * observation_len, 0.0);
+        self.next_observations.resize(length * observation_len);
         for share in &mut self.shares {
             share.rewards.resize(length, 0.0);
             share.continuations.resize(length, 0.0);
@@ -52,10 +58,14 @@ impl Experience {
     pub fn read_rows(&mut self, first: u64, bytes: &[u8]) {
         for (number, mut row) in (first..).zip(bytes.chunks_exact(self.row_bytes())) {
             let slot = self.slot(number);
-            for (rows, length) in self.columns_mut() {
-                for value in &mut rows[slot * length..(slot + 1) * length] {
-                    *value = f32::from_le_bytes(take(&mut row));
-                }
+            self.observations.read(slot, self.observation_len, &mut row);
+            for number in &mut self.actions[slot * self.action_len..(slot + 1) * self.action_len] {
+                *number = f32::from_le_bytes(take(&mut row));
+            }
+            self.next_observations.read(slot, self.observation_len, &mut row);
+            for share in &mut self.shares {
+                share.rewards[slot] = f32::from_le_bytes(take(&mut row));
+                share.continuations[slot] = f32::from_le_bytes(take(&mut row));
             }
             for share in &mut self.shares {
                 for word in &mut share.masks[slot * share.words..(slot + 1) * share.words] {
@@ -83,37 +93,10 @@ impl Experience {
         self.expect_rows(kept.clone());
         self.read_rows(kept.start, &rows[forgotten..]);
     }
-
-    /// Everything but the masks, with the length of a row.
-    fn columns(&self) -> [(&[f32], usize); 7] {
-        let [forward, reset] = &self.shares;
-        [
-            (&self.observations, self.observation_len),
-            (&self.actions, self.action_len),
-            (&self.next_observations, self.observation_len),
-            (&forward.rewards, 1),
-            (&forward.continuations, 1),
-            (&reset.rewards, 1),
-            (&reset.continuations, 1),
-        ]
-    }
-
-    fn columns_mut(&mut self) -> [(&mut [f32], usize); 7] {
-        let [forward, reset] = &mut self.shares;
-        [
-            (&mut self.observations, self.observation_len),
-            (&mut self.actions, self.action_len),
-            (&mut self.next_observations, self.observation_len),
-            (&mut forward.rewards, 1),
-            (&mut forward.continuations, 1),
-            (&mut reset.rewards, 1),
-            (&mut reset.continuations, 1),
-        ]
-    }
 }
 
 /// The first bytes of what is left of a row.
-fn take<const N: usize>(row: &mut &[u8]) -> [u8; N] {
+pub(super) fn take<const N: usize>(row: &mut &[u8]) -> [u8; N] {
     let (value, rest) = row.split_first_chunk().expect("a row has its length");
     *row = rest;
     *value

@@ -77,6 +77,34 @@ fn a_restored_replay_buffer_continues_as_the_saved_one() {
 }
 
 #[test]
+fn observations_kept_as_bytes_are_whole_take_a_fourth_and_survive_a_checkpoint() {
+    let mut rng = Pcg64::seed_from_u64(5);
+    let memory = |kept| Experience::new(3, &spaces(), [1, 1], 1.0).unwrap().keeping(kept).unwrap();
+    let mut bytes = memory(Kept::Bytes);
+    for value in [200.0, 7.4, 300.0, 20.0] {
+        push(&mut bytes, value, &mut rng);
+    }
+    let mut buffers = BatchBuffers::new(64, &spaces(), 1);
+    let batch = bytes.sample(AgentRole::Forward, &mut buffers, &mut rng);
+    for (row, reward) in batch.rewards.iter().enumerate() {
+        let whole = reward.round().min(255.0);
+        assert_eq!(batch.observations[2 * row..2 * row + 2], [whole, 0.0], "below 0 there is no byte");
+    }
+    assert_eq!(memory(Kept::Floats).row_bytes() - bytes.row_bytes(), 2 * 2 * 3);
+    let mut rows = Vec::new();
+    bytes.write_rows(bytes.kept(), &mut rows);
+    let mut read = memory(Kept::Bytes);
+    read.expect_rows(bytes.kept());
+    read.read_rows(bytes.kept().start, &rows);
+    assert_eq!(format!("{bytes:?}"), format!("{read:?}"));
+    let image = Space::Box { low: vec![0.0; 2], high: vec![255.0; 2] };
+    assert!(Kept::Bytes.check(&image).is_ok() && Kept::Bytes.check(&spaces().observation).is_err());
+    let sizes =
+        [Kept::Bytes, Kept::Floats].map(|kept| Experience::bytes_when_full(10, kept, &spaces(), false));
+    assert_eq!(sizes, [10 * (4 + 6 * 4), 10 * (16 + 6 * 4)]);
+}
+
+#[test]
 fn bootstrap_masks_are_drawn_per_member_and_stay_with_their_transition() {
     let mut rng = Pcg64::seed_from_u64(2);
     let members = 70;

@@ -159,15 +159,18 @@ impl AttemptBuffers {
         })
     }
 
-    fn put(&mut self, row: usize, [observation, action, next]: [&[f32]; 3], label: Label) {
-        let [observation_len, action_len] = self.lengths;
-        for (target, part, length) in [
-            (&mut self.observations, observation, observation_len),
-            (&mut self.actions, action, action_len),
-            (&mut self.next_observations, next, observation_len),
-        ] {
-            target[row * length..(row + 1) * length].copy_from_slice(part);
-        }
+    /// Where observation, action and next observation of a row stand.
+    fn parts(&mut self, row: usize) -> [&mut [f32]; 3] {
+        let [observation, action] = self.lengths;
+        let of = |length: usize| row * length..(row + 1) * length;
+        [
+            &mut self.observations[of(observation)],
+            &mut self.actions[of(action)],
+            &mut self.next_observations[of(observation)],
+        ]
+    }
+
+    fn label(&mut self, row: usize, label: Label) {
         self.successes[row] = f32::from(u8::from(label.fate == Fate::column(Some(Fate::InResetSet))));
         self.continuations[row] = f32::from(u8::from(label.fate == Fate::column(Some(Fate::GoesOn))));
         (self.outcomes[row], self.outcome_weights[row]) = (label.outcome, label.weight);
@@ -236,6 +239,13 @@ impl UndoMemory {
     }
 }
 
+/// Observation, action and next observation of a row in which they follow one another.
+fn split(row: &mut [f32], observation_len: usize, action_len: usize) -> [&mut [f32]; 3] {
+    let (observation, rest) = row.split_at_mut(observation_len);
+    let (action, next) = rest.split_at_mut(action_len);
+    [observation, action, next]
+}
+
 /// The finaliser of SplitMix64 (Steele et al. 2014) over both numbers.
 fn mixed(number: u64, member: u64) -> u64 {
     let mut z = number.wrapping_add(member.wrapping_mul(0x9e37_79b9_7f4a_7c15));
@@ -256,7 +266,9 @@ impl Experience {
             for number in window.start.max(kept.start)..window.end.min(attempt.end.max(attempt.first)) {
                 let slot = self.slot(number);
                 if undo.fates[slot] != NEVER {
-                    undo.failures.push(self.parts(slot), undo.label(slot, number));
+                    let label = undo.label(slot, number);
+                    let row = undo.failures.place(label);
+                    self.read_parts(slot, split(row, self.observation_len, self.action_len));
                 }
             }
         }
@@ -309,13 +321,18 @@ impl Experience {
                 let [observation, action] = buffers.lengths;
                 let (before, next) = parts.split_at(observation + action);
                 let (before, action) = before.split_at(observation);
-                buffers.put(row, [before, action, next], undo.faded(label));
+                let [observation_at, action_at, next_at] = buffers.parts(row);
+                observation_at.copy_from_slice(before);
+                action_at.copy_from_slice(action);
+                next_at.copy_from_slice(next);
+                buffers.label(row, undo.faded(label));
                 label.number
             } else {
                 let number = if row < failures + successes { self.near_success(undo, rng) } else { None };
                 let number = number.unwrap_or_else(|| self.any_step(undo, rng));
                 let slot = self.slot(number);
-                buffers.put(row, self.parts(slot), undo.faded(undo.label(slot, number)));
+                self.read_parts(slot, buffers.parts(row));
+                buffers.label(row, undo.faded(undo.label(slot, number)));
                 number
             };
             if undo.settings.bootstrap_probability < 1.0 {
@@ -353,14 +370,11 @@ impl Experience {
         }
     }
 
-    fn parts(&self, slot: usize) -> [&[f32]; 3] {
-        let [observation, action] = [self.observation_len, self.action_len];
-        let row = |length: usize| slot * length..(slot + 1) * length;
-        [
-            &self.observations[row(observation)],
-            &self.actions[row(action)],
-            &self.next_observations[row(observation)],
-        ]
+    /// Reads observation, action and next observation.
+    fn read_parts(&self, slot: usize, [observation, action, next]: [&mut [f32]; 3]) {
+        self.observations.get(slot, observation);
+        action.copy_from_slice(&self.actions[slot * self.action_len..(slot + 1) * self.action_len]);
+        self.next_observations.get(slot, next);
     }
 }
 

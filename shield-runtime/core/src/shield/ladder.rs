@@ -38,6 +38,8 @@ pub struct Ladder {
     pub(super) settings: LadderSettings,
     pub(super) other_action: Vec<f32>,
     pub(super) why: Explanation,
+    /// No rule is told of anything.
+    pub(super) is_frozen: bool,
 }
 
 impl Ladder {
@@ -87,7 +89,7 @@ impl Ladder {
         clock: Clock,
     ) -> Decision {
         let observed = ObservedDecision { step: moment.step, aborted: decision.abort().is_some(), action };
-        let told = self.jury.observe(&observed);
+        let told = if self.is_frozen { Ok(()) } else { self.jury.observe(&observed) };
         if let Err(error) = told {
             decision = Decision::Abort(self.why.failed(Cause::RuleFailed, &error));
             self.why.is_final = true;
@@ -222,8 +224,16 @@ impl Ladder {
         self.jury.go_on_from(start_probabilities);
     }
 
+    /// Whether rules are told of decisions and attempts, or stay as they are.
+    pub(crate) fn freeze(&mut self, is_frozen: bool) {
+        self.is_frozen = is_frozen;
+    }
+
     /// Tells every rule how an attempt ended. If one fails, nothing is decided any more.
     pub fn observe_attempt(&mut self, attempt: &ObservedAttempt) {
+        if self.is_frozen {
+            return;
+        }
         if let Err(error) = self.jury.observe_attempt(attempt) {
             self.why.failed(Cause::RuleFailed, &error);
             self.why.is_final = true;

@@ -87,6 +87,7 @@ impl Ladder {
             settings,
             other_action: vec![0.0; width],
             why: Explanation::new(),
+            is_frozen: false,
         })
     }
 

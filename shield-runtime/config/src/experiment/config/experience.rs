@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::{Endings, OnResetFailure, OnResetSuccess, Updates};
-use shield_core::experience::UndoSettings;
+use shield_core::experience::{Kept, UndoSettings};
 
 /// The experience and what is learned from it.
 #[derive(Debug, Clone, Deserialize, Serialize)]
@@ -11,6 +11,8 @@ use shield_core::experience::UndoSettings;
 pub struct ExperienceConfig {
     /// How many transitions are kept; the oldest are overwritten.
     pub capacity: usize,
+    /// How observations are kept: as they are, or as bytes, where they are whole numbers from 0 to 255, as those of images.
+    pub observations: Kept,
     /// Transitions per update. Lillicrap et al. 2015: 64.
     pub batch: usize,
     /// Updates after each environment step, of each agent that learns.
@@ -42,6 +44,7 @@ impl Default for ExperienceConfig {
     fn default() -> Self {
         Self {
             capacity: 1_000_000,
+            observations: Kept::default(),
             batch: 64,
             updates_per_step: 1,
             reset_updates_per_step: None,

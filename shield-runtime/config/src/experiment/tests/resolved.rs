@@ -86,6 +86,7 @@ Experiment(
     calibration_resets: 0,
     experience: (
         capacity: 1000000,
+        observations: Floats,
         batch: 64,
         updates_per_step: 1,
         reset_updates_per_step: None,
