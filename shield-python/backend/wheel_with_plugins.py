@@ -24,6 +24,7 @@ HERE = pathlib.Path(__file__).resolve().parent.parent
 PLUGINS = [
     "ddpg",
     "td3",
+    "sac",
     "ddqn",
     "tabular-q",
     "undo-probability",

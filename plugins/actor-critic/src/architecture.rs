@@ -133,6 +133,19 @@ impl Architecture {
         Self::new(observation_len, hidden, action_len, activation, Some(Activation::Tanh), None)
     }
 
+    /// The mean and the logarithm of the deviation of a Gaussian over actions: hidden layers, then first all means, then all logarithms.
+    ///
+    /// # Errors
+    /// [`Error::Shape`] for an empty layer or none.
+    pub fn gaussian(
+        observation_len: usize,
+        action_len: usize,
+        hidden: &[usize],
+        activation: Activation,
+    ) -> Result<Self, Error> {
+        Self::new(observation_len, hidden, 2 * action_len, activation, None, None)
+    }
+
     fn new(
         observation_len: usize,
         hidden: &[usize],

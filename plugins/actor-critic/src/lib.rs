@@ -9,7 +9,9 @@ mod body;
 mod checkpoint;
 mod checks;
 mod critic_step;
+mod deterministic;
 mod ensemble;
+mod gaussian;
 mod half;
 mod kernels;
 mod loss;
@@ -24,7 +26,7 @@ mod tensors;
 
 pub use action_scale::ActionScale;
 pub use adam::Adam;
-pub use agent::{Agent, AgentSettings, PolicyStep, Valuation, smaller};
+pub use agent::{AgentSettings, Policy, PolicyAgent, Valuation, smaller};
 pub use architecture::{Activation, Architecture, Initialisation};
 pub use body::{Body, Buffers};
 pub use checkpoint::{read_state, write_state};
@@ -33,7 +35,9 @@ pub use checks::{
     check_unit,
 };
 pub use critic_step::CriticStep;
+pub use deterministic::{Agent, Deterministic, PolicyStep};
 pub use ensemble::{Ensemble, EnsembleState};
+pub use gaussian::{Draws, Gaussian, LOG_DEVIATION, SmallestGradients, SoftAgent, SoftStep};
 pub use loss::{Loss, cross_entropy, sigmoid};
 pub use member::{Group, Member};
 pub use noise::{Noise, NoiseProcess, Schedule};

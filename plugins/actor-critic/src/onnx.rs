@@ -5,7 +5,7 @@
 
 use prost::Message;
 
-use crate::{Activation, Agent, Normaliser, Tensor};
+use crate::{Activation, Normaliser, Policy, PolicyAgent, Tensor};
 
 /// Of the format, and of its operators: what every reader since 2021 knows.
 const IR_VERSION: i64 = 8;
@@ -158,8 +158,8 @@ fn row(name: &str, length: usize) -> ValueInfoProto {
     ValueInfoProto { name: name.into(), r#type: Some(TypeProto { tensor_type }) }
 }
 
-impl Agent {
-    /// Appends the greedy policy as an ONNX model.
+impl<P: Policy> PolicyAgent<P> {
+    /// Appends the greedy policy as an ONNX model: of a stochastic policy, its mean.
     pub fn write_onnx(&self, bytes: &mut Vec<u8>) {
         let mut chain = Chain::new("observation");
         if let Some(normaliser) = &self.body.normaliser {
@@ -176,12 +176,15 @@ impl Agent {
         }
         let tensors = self.actor.tensors("actor", true);
         for (layer, parts) in self.actor.architecture().layers.iter().zip(tensors.chunks_exact(2)) {
-            chain.then("MatMul", &parts[..1]);
-            chain.then("Add", &parts[1..]);
+            let is_last = layer == self.actor.architecture().last();
+            // Of a Gaussian's outputs, the means come first.
+            let columns = if is_last { self.action_len() } else { layer.outputs };
+            chain.then("MatMul", &[parts[0].first_columns(columns)]);
+            chain.then("Add", &[parts[1].first_columns(columns)]);
             match layer.activation {
-                Some(Activation::Tanh) => chain.then("Tanh", &[]),
                 Some(Activation::Relu) => chain.then("Relu", &[]),
-                None => {}
+                // Where the network ends without tanh, the policy squashes its mean.
+                Some(Activation::Tanh) | None => chain.then("Tanh", &[]),
             }
         }
         let [low, high] = self.body.scale.tensors();

@@ -32,6 +32,20 @@ impl<'a> Tensor<'a> {
     }
 }
 
+impl Tensor<'_> {
+    /// The first columns of a matrix, or the first values of a vector.
+    pub(crate) fn first_columns(&self, columns: usize) -> Self {
+        let mut shape = self.shape.clone();
+        let width = shape.last_mut().map_or(1, |width| std::mem::replace(width, columns));
+        let rows = self.values.chunks_exact(width);
+        Self {
+            name: self.name.clone(),
+            shape,
+            values: rows.flat_map(|row| &row[..columns]).copied().collect(),
+        }
+    }
+}
+
 impl View for &Tensor<'_> {
     fn dtype(&self) -> Dtype {
         Dtype::F32

@@ -49,4 +49,6 @@ shield_api::config! {
     }
 }
 
-crate::settings::describe_agent!(DdpgConfig, "DDPG", magic: b"shield/ddpg/1\n", networks_per_member: 1, also_check: |_| Ok(()));
+crate::settings::describe_agent!(DdpgConfig, "DDPG", magic: b"shield/ddpg/1\n", networks_per_member: 1,
+    also_check: Self::check_noise, exploration: Self::noisy);
+crate::settings::describe_noise!(DdpgConfig);

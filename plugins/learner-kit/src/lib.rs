@@ -5,6 +5,7 @@ mod attempts;
 mod ddpg;
 mod learner;
 mod report;
+mod sac;
 mod settings;
 mod td3;
 
@@ -15,6 +16,7 @@ pub use attempts::{UndoTarget, check_attempts};
 pub use ddpg::DdpgConfig;
 pub use learner::{ActorCritic, AgentConfig, Backend, Update};
 pub use report::CriticReport;
+pub use sac::SacConfig;
 pub use td3::Td3Config;
 
 /// An error of the networks as one of a plugin.

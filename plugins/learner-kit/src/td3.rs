@@ -59,10 +59,12 @@ shield_api::config! {
 }
 
 crate::settings::describe_agent!(Td3Config, "TD3", magic: b"shield/td3/1\n", networks_per_member: 2, also_check: |config| {
+    config.check_noise()?;
     check_positive("policy_delay", config.policy_delay as f64)?;
     check_not_negative("target_sigma", config.target_sigma)?;
     check_not_negative("target_clip", config.target_clip)
-});
+}, exploration: Self::noisy);
+crate::settings::describe_noise!(Td3Config);
 
 impl Td3Config {
     /// Target smoothing of actions in [-1, 1]: ã = π'(s') + clip(σ̃ N(0, 1), ±c), inside the box. The same for every pair.

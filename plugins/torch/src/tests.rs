@@ -30,6 +30,7 @@ macro_rules! learner_tests {
             impl continuous::Continuous for $learner {
                 const MAGIC: &'static [u8] = <<$learner as Plugin>::Config as AgentConfig>::MAGIC;
                 const NETWORKS: usize = $networks;
+                type Policy = ();
 
                 fn plain() -> Settings {
                     $plain

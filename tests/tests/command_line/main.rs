@@ -44,6 +44,7 @@ fn the_list_of_plugins_names_them() {
     for part in [
         "ddpg",
         "ddqn",
+        "sac",
         "td3",
         "gridworld",
         "mujoco/cliff-cart",
