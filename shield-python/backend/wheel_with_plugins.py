@@ -25,6 +25,7 @@ PLUGINS = [
     "ddpg",
     "td3",
     "sac",
+    "crossq",
     "ddqn",
     "tabular-q",
     "undo-probability",

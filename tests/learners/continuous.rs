@@ -50,6 +50,10 @@ pub trait Continuous: Learner + Plugin {
     fn own_impossible() -> Settings {
         Settings::new()
     }
+    /// As [`Subject::refused`].
+    fn own_refused() -> &'static [&'static str] {
+        &[]
+    }
     /// As [`Inside::network_value`].
     fn network_value(&mut self, network: usize, observation: &[f32], action: &[f32]) -> f32;
 }
@@ -94,6 +98,9 @@ impl<L: Continuous> Subject for L {
             ("action_layer", "0"),
             ("activation", "Relu"),
             ("initialisation", "FanIn"),
+            ("layer_norm", "true"),
+            ("dropout", "0.3"),
+            ("weight_decay", "0.5"),
             ("actor_rate", "2e-3"),
             ("critic_rate", "3e-3"),
             ("discount", "0.9"),
@@ -127,9 +134,15 @@ impl<L: Continuous> Subject for L {
             ("noise", "OrnsteinUhlenbeck(theta: 2.0)"),
             ("initial_value", "Some(inf)"),
             ("gradient_clip", "Some(0.0)"),
+            ("dropout", "1.0"),
+            ("weight_decay", "-0.1"),
         ];
         impossible.extend(L::own_impossible());
         known::<L>(impossible)
+    }
+
+    fn refused() -> &'static [&'static str] {
+        L::own_refused()
     }
 
     fn spaces() -> Spaces {
@@ -244,9 +257,9 @@ pub fn the_learner_finds_the_best_action_of_one_step<L: Subject>() {
 }
 
 pub fn half_precision_values_are_close_follow_the_weights_and_allocate_nothing<L: Subject>() {
-    let settings = [("initial_value", "Some(20.0)"), ("critic_rate", "1e-2")];
+    let settings = [("initial_value", "Some(20.0)"), ("critic_rate", "1e-2"), ("initialisation", "FanIn")];
     let mut full: L = learner(&settings);
-    let mut half: L = learner(&[settings[0], settings[1], ("valuation", "Half")]);
+    let mut half: L = learner(&[&settings[..], &[("valuation", "Half")]].concat());
     for round in 0..3 {
         let (expected, found) = (values(&mut full), values(&mut half));
         assert_ne!(expected, found);

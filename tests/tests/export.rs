@@ -68,7 +68,11 @@ fn an_export_includes_normalisation_and_activations() {
 
 #[test]
 fn an_export_of_a_stochastic_policy_is_its_mean() {
-    check(&["forward.plugin=\"sac\"", "reset.plugin=\"sac\"", "forward.config.normalise_observations=true"]);
+    check(&[
+        "forward.plugin=\"sac\"",
+        "reset.plugin=\"crossq\"",
+        "forward.config.normalise_observations=true",
+    ]);
 }
 
 #[test]

@@ -107,7 +107,7 @@ fn a_rule_or_task_points_at_the_value_that_it_refuses() {
 
 #[test]
 fn a_learner_or_policy_points_at_the_value_that_it_refuses() {
-    for id in ["ddpg", "td3", "sac"] {
+    for id in ["ddpg", "td3", "sac", "crossq"] {
         for config in [
             "(critics: @0)",
             "(critics: 2,\n actor_hidden: @[])",
@@ -115,6 +115,7 @@ fn a_learner_or_policy_points_at_the_value_that_it_refuses() {
             "(actor_rate: @-1.0)",
             "(discount: @2.0)",
             "(gradient_clip: @0.0)",
+            "(dropout: @1.0)",
             "(valuation: @Double)",
         ] {
             check(&Kind::Learner, id, config, boxed());

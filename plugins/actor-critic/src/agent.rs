@@ -5,8 +5,9 @@ use rand_pcg::Pcg64;
 use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use crate::{
-    ActionScale, Activation, Adam, AgentState, Architecture, Ensemble, Error, Initialisation, Noise, NoiseProcess,
-    Schedule, body::Body, check_finite_output, checks::check_length, read_state, write_state, write_tensors,
+    ActionScale, Activation, Adam, AgentState, Architecture, Ensemble, Error, Initialisation, Noise,
+    NoiseProcess, Regularisation, Schedule, body::Body, check_finite_output, checks::check_length,
+    read_state, write_state, write_tensors,
 };
 
 /// How an [`Agent`]'s critics value one (s, a).
@@ -33,6 +34,8 @@ pub struct AgentSettings<'a> {
     pub action_layer: usize,
     /// What follows the hidden layers of both.
     pub activation: Activation,
+    /// What a critic has beside its layers; of the actor, batch renormalisation alone is the same.
+    pub regularisation: Regularisation,
     /// How the weights of both begin.
     pub initialisation: Initialisation,
     /// How many values the ensemble gives.
@@ -120,20 +123,28 @@ impl<P: Policy> PolicyAgent<P> {
         } = settings;
         let action_len = settings.scale.len();
         let mut rng = Pcg64::seed_from_u64(settings.seed);
-        let actor = Ensemble::new(P::architecture(&settings)?, initialisation, 1, 1, &mut rng)?;
+        let regularisation = settings.regularisation;
+        let batch_renorm = regularisation.batch_renorm;
+        let actor =
+            P::architecture(&settings)?.regularised(Regularisation { batch_renorm, ..Default::default() });
+        let actor = Ensemble::new(actor, initialisation, 1, 1, &mut rng)?;
         let critic = Architecture::critic(
             observation_len,
             action_len,
             settings.critic_hidden,
             settings.action_layer,
             activation,
-        )?;
+        )?
+        .regularised(regularisation);
         // One thread per member at most: its networks are worked on by the same.
         let threads = settings.threads.min(members);
         let mut critics =
             Ensemble::new(critic, initialisation, members * networks_per_member, threads, &mut rng)?;
         if let Some(value) = settings.initial_value {
             critics.raise_outputs(value);
+        }
+        if regularisation.batch_renorm.is_some() {
+            critics.keep_passes(networks_per_member);
         }
         if settings.valuation == Valuation::Half {
             critics.keep_halves();
@@ -226,23 +237,24 @@ impl<P: Policy> PolicyAgent<P> {
         check_finite_output("the gradients", gradients)
     }
 
+    /// Begins an update: critics with dropout drop units until they have [counted a step](Ensemble::count_step).
+    pub fn begin_update(&mut self) {
+        self.critics.begin_update(&mut self.body.rng);
+    }
+
     /// A step of the actor down the gradient in its outputs, for the batch's observations. Returns the norm of the gradient of the weights
     /// before it was clipped.
     ///
     /// # Errors
     /// [`Error::GradientNotFinite`]; the actor has taken no step then.
-    pub(crate) fn step_actor(
-        &mut self,
-        optimiser: &Adam,
-        clip: Option<f32>,
-        tau: f64,
-    ) -> Result<f32, Error> {
+    pub(crate) fn step_actor(&mut self, optimiser: &Adam, clip: Option<f32>, tau: f64) -> Result<f32, Error> {
         let mut actor = self.actor.member(0);
         actor.backward(&self.body.buffers.observations, &[]);
         let norm = actor.gradient_norm();
         if !norm.is_finite() {
             return Err(Error::GradientNotFinite(norm));
         }
+        actor.keep_statistics();
         actor.clipped_step(clip, optimiser, tau);
         self.actor.count_step();
         Ok(norm)

@@ -43,6 +43,15 @@ pub(crate) struct Features<'a, T> {
     pub(crate) variance: &'a [T],
 }
 
+impl Features<'_, f32> {
+    /// Factor and summand of each feature where the running statistics are used.
+    pub(crate) fn affine(&self) -> [Vec<f32>; 2] {
+        let factor = |index: usize| self.gain[index] / (self.variance[index] + EPSILON as f32).sqrt();
+        let summand = |index: usize| self.shift[index] - self.mean[index] * factor(index);
+        [(0..self.gain.len()).map(factor).collect(), (0..self.gain.len()).map(summand).collect()]
+    }
+}
+
 /// What a pass leaves of some features: rows × features, or one value per feature.
 #[derive(Debug, Clone, Default)]
 pub(crate) struct Renormed<T> {

@@ -172,8 +172,8 @@ impl SoftAgent {
     pub fn choose_policy_actions(&mut self) {
         let (buffers, action_len) = (&mut self.body.buffers, self.body.scale.len());
         let mut actor = self.actor.member(0);
-        actor.observe(&buffers.observations);
-        self.policy.now.squash(actor.values(&[]), action_len, &mut buffers.policy_actions);
+        let outputs = actor.learn(&buffers.observations, &[]);
+        self.policy.now.squash(outputs, action_len, &mut buffers.policy_actions);
     }
 
     /// A step of the actor down the mean of α log π(a|s) − Q(s, a) over the batch and the members, given the members' gradients at the
@@ -197,10 +197,10 @@ impl SoftAgent {
                 let ascent: f32 = steps.iter().map(|step| step.policy.gradients[place]).sum();
                 let slope = (1.0 - action * action) * -share * ascent + entropy_share * 2.0 * action;
                 let log = outputs[action_len + index];
-                let is_bounded = log < LOG_DEVIATION[0] || log > LOG_DEVIATION[1];
+                let moves = (LOG_DEVIATION[0]..=LOG_DEVIATION[1]).contains(&log);
                 gradients[index] = slope;
                 gradients[action_len + index] =
-                    if is_bounded { 0.0 } else { slope * log.exp() * draw - entropy_share };
+                    if moves { slope * log.exp() * draw - entropy_share } else { 0.0 };
             }
         }
         self.step_actor(optimiser, clip, 1.0)
@@ -246,7 +246,8 @@ mod tests {
             let draw = f64::from(draws.noise[index]);
             let action = (mean + log.exp() * draw).tanh();
             assert!((f64::from(actions[index]) - action).abs() < 1e-6);
-            expected -= 0.5 * draw * draw + log + 0.5 * std::f64::consts::TAU.ln() + (1.0 - action * action).ln();
+            expected -=
+                0.5 * draw * draw + log + 0.5 * std::f64::consts::TAU.ln() + (1.0 - action * action).ln();
         }
         assert!((f64::from(draws.log_probabilities[0]) - expected).abs() < 1e-5);
     }
@@ -254,7 +255,8 @@ mod tests {
     #[test]
     fn far_outputs_keep_densities_finite_and_nan_stays_nan() {
         for u in [-80.0_f32, -3.0, 0.0, 3.0, 80.0] {
-            let exact = 2.0 * (std::f64::consts::LN_2 - f64::from(u.abs()) - (-2.0 * f64::from(u.abs())).exp().ln_1p());
+            let exact = 2.0
+                * (std::f64::consts::LN_2 - f64::from(u.abs()) - (-2.0 * f64::from(u.abs())).exp().ln_1p());
             assert!((f64::from(log_slope(u)) - exact).abs() < 1e-4, "{u}");
         }
         assert!(log_slope(f32::NAN).is_nan() && deviation(f32::NAN).is_nan());

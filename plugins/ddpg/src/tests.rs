@@ -42,5 +42,10 @@ fn the_same_seed_learns_the_same_weights() {
 
 #[test]
 fn twelve_updates_equal_those_of_torch() {
-    torch::check::<Ddpg>("ddpg", &[("tau", "0.005")], 1, |_, _| 0, |learner, _, given| learner.update(&given.batch).unwrap());
+    let plain = &[];
+    torch::check::<Ddpg>("ddpg", plain, 1, |learner, _, given| learner.update(&given.batch).unwrap());
+    let regularised = &[("layer_norm", "true"), ("weight_decay", "0.1"), ("dropout", "0.25")];
+    torch::check::<Ddpg>("ddpg-regularised", regularised, 1, |learner, _, given| {
+        learner.update(&given.batch).unwrap();
+    });
 }

@@ -2,6 +2,7 @@
 #![forbid(unsafe_code)]
 
 mod attempts;
+mod crossq;
 mod ddpg;
 mod learner;
 mod report;
@@ -13,6 +14,7 @@ use actor_critic::{Body, ErrorKind, check_unit};
 use shield_api::{Batch, Error, Result, check_finite};
 
 pub use attempts::{UndoTarget, check_attempts};
+pub use crossq::CrossqConfig;
 pub use ddpg::DdpgConfig;
 pub use learner::{ActorCritic, AgentConfig, Backend, Update};
 pub use report::CriticReport;

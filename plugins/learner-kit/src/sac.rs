@@ -4,6 +4,8 @@ use actor_critic::{
     Activation, Initialisation, Loss, Valuation, check_finite_setting, check_not_negative, check_positive,
 };
 
+use crate::settings::check_tau;
+
 shield_api::config! {
     /// Settings of SAC. "SAC" is Haarnoja et al. 2018b; "SB3" is Stable-Baselines3 2.9, whose defaults those of SBX are.
     pub struct SacConfig {
@@ -17,6 +19,12 @@ shield_api::config! {
         action_layer: usize = 0,
         /// Tanh or Relu in hidden layers (SAC: ReLU).
         activation: Activation = Activation::Relu => "Relu",
+        /// Normalises the sums of a critic's hidden layers before the activation (not in SAC; DroQ, Hiraoka et al. 2022, and RLPD do).
+        layer_norm: bool = false,
+        /// Probability with which an update drops a hidden unit of a critic (not in SAC; DroQ: 0.01 or less, with `layer_norm`).
+        dropout: f32 = 0.0,
+        /// AdamW's decay of the matrices of actor and critics, times their step sizes (not in SAC).
+        weight_decay: f64 = 0.0,
         /// How weights begin: FanIn (PyTorch's, so SB3's), Lillicrap (small in the last layer), Glorot or He.
         initialisation: Initialisation = Initialisation::FanIn => "FanIn",
         /// Adam's step size for the actor (SAC: 3e-4).
@@ -53,6 +61,7 @@ shield_api::config! {
 }
 
 crate::settings::describe_agent!(SacConfig, "SAC", magic: b"shield/sac/1\n", networks_per_member: 2, also_check: |config| {
+    check_tau(config.tau)?;
     check_not_negative("temperature_rate", config.temperature_rate)?;
     check_positive("initial_temperature", config.initial_temperature)?;
     check_finite_setting("target_entropy", config.target_entropy.unwrap_or(0.0))?;

@@ -28,8 +28,8 @@ impl Update for SacUpdate {
 
     fn new(config: &SacConfig) -> Self {
         Self {
-            actor_optimiser: Adam::new(config.actor_rate),
-            critic_optimiser: Adam::new(config.critic_rate),
+            actor_optimiser: Adam::new(config.actor_rate).with_decay(config.weight_decay),
+            critic_optimiser: Adam::new(config.critic_rate).with_decay(config.weight_decay),
             temperature_optimiser: Adam::new(config.temperature_rate),
             steps: vec![SoftStep::default(); config.critics],
         }
@@ -43,6 +43,7 @@ impl Update for SacUpdate {
         host: &Host,
     ) -> Result<()> {
         take_batch(&mut agent.body, batch, config.critics)?;
+        agent.begin_update();
         agent.draw_noise();
         self.learn_from_draws(config, agent, batch, host)
     }

@@ -64,14 +64,9 @@ impl continuous::Continuous for Sac {
 conformance_tests!(Sac);
 stochastic_tests!(Sac);
 
-#[test]
-fn twelve_updates_equal_those_of_torch() {
-    let own = [
-        ("action_layer", "0"),
-        ("temperature_rate", "1e-3"),
-        ("initial_temperature", "0.5"),
-    ];
-    let (learner, expected) = torch::check::<Sac>("sac", &own, 0, |_, _| 0, |learner, config, given| {
+/// Repeats a case of torch's, with its noise.
+fn check_torch(name: &str, own: &[(&'static str, &'static str)], join: usize) {
+    let (learner, expected) = torch::check::<Sac>(name, own, join, |learner, config, given| {
         take_batch(&mut learner.agent.body, &given.batch, 1).unwrap();
         let [next, now] = &given.noise;
         learner.agent.policy.next.noise.clone_from(next);
@@ -83,6 +78,14 @@ fn twelve_updates_equal_those_of_torch() {
     let expected = expected.log_temperature.unwrap();
     assert!((found - expected).abs() < 1e-5, "{found} against {expected}");
     assert!((found - 0.5_f32.ln()).abs() > 1e-3, "the temperature has not moved");
+}
+
+#[test]
+fn twelve_updates_equal_those_of_torch() {
+    let own = [("temperature_rate", "1e-3"), ("initial_temperature", "0.5")];
+    check_torch("sac", &own, 0);
+    let regularised = [("action_layer", "1"), ("layer_norm", "true"), ("weight_decay", "0.1")];
+    check_torch("sac-regularised", &[&own[..], &regularised].concat(), 1);
 }
 
 #[test]
@@ -158,8 +161,9 @@ fn a_value_is_that_of_the_smaller_twin() {
     train(&mut learner, 0..20);
     let found = values(&mut learner);
     for (pair, value) in found.into_iter().enumerate() {
-        let twins = [2 * pair, 2 * pair + 1]
-            .map(|network| continuous::network_value(&mut learner.agent, network, &[0.3, -0.2, 0.7], &[1.0, 1.0]));
+        let twins = [2 * pair, 2 * pair + 1].map(|network| {
+            continuous::network_value(&mut learner.agent, network, &[0.3, -0.2, 0.7], &[1.0, 1.0])
+        });
         assert_eq!(value, twins[0].min(twins[1]));
     }
 }

@@ -27,14 +27,15 @@ impl Update for Td3Update {
 
     fn new(config: &Td3Config) -> Self {
         Self {
-            actor_optimiser: Adam::new(config.actor_rate),
-            critic_optimiser: Adam::new(config.critic_rate),
+            actor_optimiser: Adam::new(config.actor_rate).with_decay(config.weight_decay),
+            critic_optimiser: Adam::new(config.critic_rate).with_decay(config.weight_decay),
             steps: vec![PolicyStep::default(); config.critics],
         }
     }
 
     fn learn(&mut self, config: &Td3Config, agent: &mut Agent, batch: &Batch<'_>, host: &Host) -> Result<()> {
         take_batch(&mut agent.body, batch, config.critics)?;
+        agent.begin_update();
         agent.choose_next_actions();
         let body = &mut agent.body;
         config.smooth(&mut body.buffers.next_actions, &mut body.rng);

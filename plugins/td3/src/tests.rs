@@ -139,5 +139,16 @@ fn the_same_seed_learns_the_same_weights() {
 
 #[test]
 fn twelve_updates_equal_those_of_torch() {
-    torch::check::<Td3>("td3", &[("action_layer", "0"), ("target_sigma", "0.0"), ("policy_delay", "1")], 0, |_, _| 0, |learner, _, given| learner.update(&given.batch).unwrap());
+    let plain = &[("action_layer", "0"), ("target_sigma", "0.0"), ("policy_delay", "1")];
+    torch::check::<Td3>("td3", plain, 0, |learner, _, given| learner.update(&given.batch).unwrap());
+    let regularised = &[
+        ("action_layer", "0"),
+        ("target_sigma", "0.0"),
+        ("policy_delay", "1"),
+        ("layer_norm", "true"),
+        ("weight_decay", "0.1"),
+    ];
+    torch::check::<Td3>("td3-regularised", regularised, 0, |learner, _, given| {
+        learner.update(&given.batch).unwrap();
+    });
 }

@@ -44,6 +44,10 @@ macro_rules! learner_tests {
                     $impossible
                 }
 
+                fn own_refused() -> &'static [&'static str] {
+                    &["layer_norm", "dropout"]
+                }
+
                 fn network_value(&mut self, network: usize, observation: &[f32], action: &[f32]) -> f32 {
                     let seen = self.agent.rows_of(observation, 1).unwrap();
                     let unit = self.agent.rows_of(&continuous::to_unit(action), 1).unwrap();

@@ -42,6 +42,7 @@ fn the_list_of_plugins_names_them() {
     assert!(output.status.success());
     let printed = text(&output.stdout);
     for part in [
+        "crossq",
         "ddpg",
         "ddqn",
         "sac",
