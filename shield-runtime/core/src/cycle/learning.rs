@@ -91,7 +91,8 @@ impl ResetCycle {
     }
 
     fn learn(&mut self) -> Result<()> {
-        let CycleSettings { updates, updates_per_step, reset_updates_per_step, update_every, .. } = self.settings;
+        let CycleSettings { updates, updates_per_step, reset_updates_per_step, update_every, .. } =
+            self.settings;
         if !self.counters.steps.is_multiple_of(update_every.max(1)) {
             return Ok(());
         }
