@@ -24,6 +24,8 @@ HERE = pathlib.Path(__file__).resolve().parent.parent
 PLUGINS = [
     "ddpg",
     "td3",
+    "sac",
+    "crossq",
     "ddqn",
     "tabular-q",
     "undo-probability",

@@ -22,6 +22,10 @@ pub trait Subject: Learner + Plugin {
     fn changes() -> Settings;
     /// Values that cannot be.
     fn impossible() -> Settings;
+    /// Fields of which it has the default only, and refuses what `changes` has.
+    fn refused() -> &'static [&'static str] {
+        &[]
+    }
     /// Its spaces: three values of observation, at least two of action or two alternatives.
     fn spaces() -> Spaces;
     /// Action spaces with which it cannot work.
@@ -140,6 +144,11 @@ pub fn every_configuration_field_changes_the_behaviour<L: Subject>() {
     for field in L::Config::FIELDS {
         let tried = L::changes().into_iter().find(|(name, _)| *name == field.name);
         let change = tried.unwrap_or_else(|| panic!("{} is not tried", field.name));
+        if L::refused().contains(&field.name) {
+            let kind = create::<L>(&[change], 5, 1).err().map(|error| error.kind());
+            assert_eq!(kind, Some(ErrorKind::InvalidConfig), "{change:?}");
+            continue;
+        }
         assert_ne!(reference, behaviour::<L>(&[change]), "{} changes nothing", field.name);
     }
 }

@@ -4,8 +4,8 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use shield_api::{ActMode, Batch, Host, Learner, Plugin, PluginConfig, Setup, Space, Spaces};
 
-use actor_critic::{Agent, Noise, Normaliser};
-use serde::{Deserialize, Serialize};
+use actor_critic::{Noise, Normaliser, Policy, PolicyAgent};
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use super::conformance::{
     OBSERVATION, SIZE, Settings, Subject, Transitions, act, config, learner, saved, train, values,
@@ -14,12 +14,13 @@ use super::gradients::{Inside, Networks, compare, enlarged, state};
 
 /// The state of such a learner, as it is saved.
 #[derive(Clone, Serialize, Deserialize)]
-pub struct State {
+pub struct State<P> {
     pub actor: Networks,
     pub critics: Networks,
     pub noise: Noise,
     pub normaliser: Option<Normaliser>,
     pub rng: Pcg64,
+    pub policy: P,
 }
 
 /// An action of [`spaces`] as the networks see it.
@@ -33,6 +34,12 @@ pub trait Continuous: Learner + Plugin {
     const MAGIC: &'static [u8];
     /// How many networks one member consists of; its value is their smallest.
     const NETWORKS: usize;
+    /// What is saved of its policy; `()` of a deterministic one.
+    type Policy: Clone + Serialize + DeserializeOwned;
+    /// As [`Subject::small`], of the fields that the others have with another default or not at all.
+    fn own_small() -> Settings {
+        Settings::new()
+    }
     /// As [`Inside::plain`].
     fn plain() -> Settings {
         Settings::new()
@@ -43,27 +50,44 @@ pub trait Continuous: Learner + Plugin {
     fn own_impossible() -> Settings {
         Settings::new()
     }
+    /// As [`Subject::refused`].
+    fn own_refused() -> &'static [&'static str] {
+        &[]
+    }
     /// As [`Inside::network_value`].
     fn network_value(&mut self, network: usize, observation: &[f32], action: &[f32]) -> f32;
 }
 
 /// [`Continuous::network_value`] where the networks are those of `actor-critic`.
-pub fn network_value(agent: &mut Agent, network: usize, observation: &[f32], action: &[f32]) -> f32 {
+pub fn network_value<P: Policy>(
+    agent: &mut PolicyAgent<P>,
+    network: usize,
+    observation: &[f32],
+    action: &[f32],
+) -> f32 {
     let mut critic = agent.critics.member(network);
     critic.observe(observation);
     critic.values(&to_unit(action))[0]
 }
 
+/// Those settings that the learner has.
+fn known<L: Plugin>(settings: Settings) -> Settings {
+    let is_known = |name: &str| L::Config::FIELDS.iter().any(|field| field.name == name);
+    settings.into_iter().filter(|(name, _)| is_known(name)).collect()
+}
+
 impl<L: Continuous> Subject for L {
     fn small() -> Settings {
-        vec![
+        let mut small = L::own_small();
+        small.extend(known::<L>(vec![
             ("critics", "3"),
             ("actor_hidden", "[20, 15]"),
             ("critic_hidden", "[20, 15]"),
             ("random_steps", "1"),
             ("final_sigma", "Some(0.02)"),
             ("sigma_steps", "7"),
-        ]
+        ]));
+        small
     }
 
     fn changes() -> Settings {
@@ -74,6 +98,9 @@ impl<L: Continuous> Subject for L {
             ("action_layer", "0"),
             ("activation", "Relu"),
             ("initialisation", "FanIn"),
+            ("layer_norm", "true"),
+            ("dropout", "0.3"),
+            ("weight_decay", "0.5"),
             ("actor_rate", "2e-3"),
             ("critic_rate", "3e-3"),
             ("discount", "0.9"),
@@ -107,9 +134,15 @@ impl<L: Continuous> Subject for L {
             ("noise", "OrnsteinUhlenbeck(theta: 2.0)"),
             ("initial_value", "Some(inf)"),
             ("gradient_clip", "Some(0.0)"),
+            ("dropout", "1.0"),
+            ("weight_decay", "-0.1"),
         ];
         impossible.extend(L::own_impossible());
-        impossible
+        known::<L>(impossible)
+    }
+
+    fn refused() -> &'static [&'static str] {
+        L::own_refused()
     }
 
     fn spaces() -> Spaces {
@@ -122,7 +155,7 @@ impl<L: Continuous> Subject for L {
 }
 
 impl<L: Continuous> Inside for L {
-    type State = State;
+    type State = State<L::Policy>;
     const MAGIC: &'static [u8] = <L as Continuous>::MAGIC;
     const NETWORKS: usize = <L as Continuous>::NETWORKS;
 
@@ -130,11 +163,11 @@ impl<L: Continuous> Inside for L {
         <L as Continuous>::plain()
     }
 
-    fn critics(state: &mut State) -> &mut Networks {
+    fn critics(state: &mut Self::State) -> &mut Networks {
         &mut state.critics
     }
 
-    fn actor(state: &mut State) -> Option<&mut Networks> {
+    fn actor(state: &mut Self::State) -> Option<&mut Networks> {
         Some(&mut state.actor)
     }
 
@@ -170,7 +203,7 @@ pub fn actions_stay_in_their_box_whatever_the_noise<L: Subject>() {
 
 pub fn gradients_match_finite_differences_of_the_values<L: Subject>() {
     let mut learner: L = learner(&[("critic_rate", "1e-2")]);
-    train(&mut learner, 0..60);
+    (0..60).for_each(|_| train(&mut learner, 0..1));
     let (observation, action) = ([0.3, -0.2, 0.7], [0.5, 0.6]);
     let (mut plain, mut valued, mut gradients) = ([0.0; 3], [0.0; 3], [0.0; 6]);
     learner.q_values(&observation, &action, &mut plain).unwrap();
@@ -224,9 +257,9 @@ pub fn the_learner_finds_the_best_action_of_one_step<L: Subject>() {
 }
 
 pub fn half_precision_values_are_close_follow_the_weights_and_allocate_nothing<L: Subject>() {
-    let settings = [("initial_value", "Some(20.0)"), ("critic_rate", "1e-2")];
+    let settings = [("initial_value", "Some(20.0)"), ("critic_rate", "1e-2"), ("initialisation", "FanIn")];
     let mut full: L = learner(&settings);
-    let mut half: L = learner(&[settings[0], settings[1], ("valuation", "Half")]);
+    let mut half: L = learner(&[&settings[..], &[("valuation", "Half")]].concat());
     for round in 0..3 {
         let (expected, found) = (values(&mut full), values(&mut half));
         assert_ne!(expected, found);
@@ -274,15 +307,26 @@ pub fn the_gradient_of_the_actor_is_that_of_the_ensembles_mean<L: Inside>() {
 /// A test for each function of this file.
 macro_rules! continuous_tests {
     ($learner:ty) => {
+        stochastic_tests!($learner);
         conformance_tests! { $learner, continuous:
             actions_stay_in_their_box_whatever_the_noise,
-            gradients_match_finite_differences_of_the_values,
-            the_learner_finds_the_best_action_of_one_step,
             the_gradient_of_the_actor_is_that_of_the_ensembles_mean,
-            half_precision_values_are_close_follow_the_weights_and_allocate_nothing,
         }
         conformance_tests! { $learner, gradients:
             the_gradient_of_the_critics_is_that_of_their_loss,
+        }
+    };
+}
+
+/// Those that hold for a stochastic policy as well.
+macro_rules! stochastic_tests {
+    ($learner:ty) => {
+        conformance_tests! { $learner, continuous:
+            gradients_match_finite_differences_of_the_values,
+            the_learner_finds_the_best_action_of_one_step,
+            half_precision_values_are_close_follow_the_weights_and_allocate_nothing,
+        }
+        conformance_tests! { $learner, gradients:
             n_critics_learn_what_n_single_ones_would,
         }
     };

@@ -72,7 +72,8 @@ pub fn state<L: Inside>(learner: &L) -> L::State {
     read_state(L::MAGIC, &saved(learner)).unwrap()
 }
 
-fn put<L: Inside>(learner: &mut L, state: &L::State) {
+/// Gives the learner a state.
+pub fn put<L: Inside>(learner: &mut L, state: &L::State) {
     let mut bytes = Vec::new();
     write_state(L::MAGIC, state, &mut bytes).unwrap();
     learner.load(&bytes).unwrap();

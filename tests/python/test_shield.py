@@ -143,3 +143,11 @@ def test_two_shields_keep_their_metrics_separate():
             guard.filter(np.zeros(1), np.zeros(1, np.float32))
             guard.observe(np.zeros(1))
     assert "reset/critic_loss" in learning.metrics() and "reset/critic_loss" not in idle.metrics()
+
+
+def test_the_reset_agent_learns_after_every_nth_step_only():
+    rare = shield.Shield(*SPACES, in_reset_set=near_start, overrides={"experience.batch": 4}, update_every=9)
+    for step in range(1, 10):
+        rare.filter(np.zeros(1), np.zeros(1, np.float32))
+        rare.observe(np.zeros(1))
+        assert ("reset/critic_loss" in rare.metrics()) == (step == 9)

@@ -67,6 +67,15 @@ fn an_export_includes_normalisation_and_activations() {
 }
 
 #[test]
+fn an_export_of_a_stochastic_policy_is_its_mean() {
+    check(&[
+        "forward.plugin=\"sac\"",
+        "reset.plugin=\"crossq\"",
+        "forward.config.normalise_observations=true",
+    ]);
+}
+
+#[test]
 fn an_export_reports_what_a_learner_does_not_write() {
     let folder = tempfile::tempdir().unwrap();
     fs::write(folder.path().join("x.ron"), gridworld(200, "")).unwrap();

@@ -65,6 +65,7 @@ fn every_field_of_an_experiment_changes_a_run_in_the_gridworld() {
         "experience.batch=8",
         "experience.updates_per_step=2",
         "experience.reset_updates_per_step=2",
+        "experience.update_every=3",
         "experience.updates=Active",
         "experience.bootstrap_probability=0.5",
         "experience.on_reset_success=Bootstrap",

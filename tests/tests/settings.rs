@@ -107,21 +107,25 @@ fn a_rule_or_task_points_at_the_value_that_it_refuses() {
 
 #[test]
 fn a_learner_or_policy_points_at_the_value_that_it_refuses() {
-    for id in ["ddpg", "td3"] {
+    for id in ["ddpg", "td3", "sac", "crossq"] {
         for config in [
             "(critics: @0)",
             "(critics: 2,\n actor_hidden: @[])",
             "(critic_hidden: @[4, 0])",
             "(actor_rate: @-1.0)",
             "(discount: @2.0)",
-            "(noise: OrnsteinUhlenbeck(theta: @2.0))",
-            "(final_sigma: @Some(-1.0))",
             "(gradient_clip: @0.0)",
+            "(dropout: @1.0)",
             "(valuation: @Double)",
         ] {
             check(&Kind::Learner, id, config, boxed());
         }
     }
+    for id in ["ddpg", "td3"] {
+        check(&Kind::Learner, id, "(noise: OrnsteinUhlenbeck(theta: @2.0))", boxed());
+        check(&Kind::Learner, id, "(final_sigma: @Some(-1.0))", boxed());
+    }
+    check(&Kind::Learner, "sac", "(initial_temperature: @0.0)", boxed());
     check(&Kind::Learner, "td3", "(policy_delay: @0)", boxed());
     for config in ["(members: @0)", "(hidden: @[])", "(rate: @0.0)", "(epsilon: @2.0)"] {
         check(&Kind::Learner, "ddqn", config, Space::Discrete { n: 2 });

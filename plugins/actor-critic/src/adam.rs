@@ -21,12 +21,21 @@ pub struct Adam {
     pub beta2: f64,
     /// ε, added to the root of the second moment.
     pub epsilon: f64,
+    /// Share of the matrices, times the step size, that each step takes from them (AdamW, Loshchilov and Hutter 2019); biases and
+    /// normalisations keep their size.
+    pub weight_decay: f64,
 }
 
 impl Adam {
     /// The constants of the paper, with the given step size.
     pub fn new(rate: f64) -> Self {
-        Self { rate, beta1: 0.9, beta2: 0.999, epsilon: 1e-8 }
+        Self { rate, beta1: 0.9, beta2: 0.999, epsilon: 1e-8, weight_decay: 0.0 }
+    }
+
+    /// The same with this decay of the weights.
+    #[must_use]
+    pub fn with_decay(self, weight_decay: f64) -> Self {
+        Self { weight_decay, ..self }
     }
 
     /// One step, the `step`-th counted from 1; then target ← target + τ (weight − target).

@@ -1,12 +1,13 @@
-//! What every learner with a deterministic policy consists of (DDPG, TD3). How it learns is its own.
+//! What every learner with an actor and critics consists of. How it learns is its own.
 
 use rand::SeedableRng;
 use rand_pcg::Pcg64;
-use serde::{Deserialize, Serialize};
+use serde::{Deserialize, Serialize, de::DeserializeOwned};
 
 use crate::{
-    ActionScale, Activation, Adam, AgentState, Architecture, CriticStep, Ensemble, Error, Initialisation,
-    NoiseProcess, Schedule, body::Body, check_finite_output, checks::check_length, write_tensors,
+    ActionScale, Activation, Adam, AgentState, Architecture, Ensemble, Error, Initialisation, Noise,
+    NoiseProcess, Regularisation, Schedule, body::Body, check_finite_output, checks::check_length,
+    read_state, write_state, write_tensors,
 };
 
 /// How an [`Agent`]'s critics value one (s, a).
@@ -33,6 +34,8 @@ pub struct AgentSettings<'a> {
     pub action_layer: usize,
     /// What follows the hidden layers of both.
     pub activation: Activation,
+    /// What a critic has beside its layers; of the actor, batch renormalisation alone is the same.
+    pub regularisation: Regularisation,
     /// How the weights of both begin.
     pub initialisation: Initialisation,
     /// How many values the ensemble gives.
@@ -51,21 +54,49 @@ pub struct AgentSettings<'a> {
     pub random_steps: u64,
     /// How one (s, a) is valued.
     pub valuation: Valuation,
+    /// How much the entropy of a stochastic policy weighs at first, beside the values.
+    pub initial_temperature: f32,
     /// How many threads the critics may use.
     pub threads: usize,
     /// Seed of the weights and of the exploration.
     pub seed: u64,
 }
 
+/// How the actor's outputs become actions. Its state is saved with the agent's.
+pub trait Policy: Serialize + DeserializeOwned + Send + Sized + 'static {
+    /// Of an agent with these settings.
+    fn new(settings: &AgentSettings<'_>) -> Self;
+
+    /// The shape of its network.
+    ///
+    /// # Errors
+    /// [`Error::Shape`] for an empty layer or none.
+    fn architecture(settings: &AgentSettings<'_>) -> Result<Architecture, Error>;
+
+    /// Writes an action in [-1, 1] from the outputs for one observation: the greedy one, or an exploring one if noise and generator are given.
+    fn act(&self, outputs: &[f32], explores: Option<(&mut Noise, &mut Pcg64)>, unit: &mut [f32]);
+
+    /// Whether a saved one can be continued from.
+    ///
+    /// # Errors
+    /// [`Error::StateNotFinite`].
+    fn check(&self) -> Result<(), Error>;
+
+    /// Continues from a saved one.
+    fn restore(&mut self, saved: Self);
+}
+
 /// An actor, an ensemble of critics, exploration, scales, and the memory that is kept between calls.
 #[derive(Debug)]
-pub struct Agent {
+pub struct PolicyAgent<P> {
     /// π, with its target network π'.
     pub actor: Ensemble<f32>,
     /// Q₁ … Qₙ, with their target networks; a member's networks are successive. They see actions scaled to [-1, 1].
     pub critics: Ensemble<f32>,
     /// Everything that is no network.
     pub body: Body,
+    /// What the actor's outputs say.
+    pub policy: P,
     networks_per_member: usize,
     /// Per member.
     answers: Vec<Answer>,
@@ -81,16 +112,7 @@ struct Answer {
     gradient: Vec<f32>,
 }
 
-/// What one member needs and returns in an update of critics and actor.
-#[derive(Debug, Clone, Default)]
-pub struct PolicyStep {
-    /// The critic's own part.
-    pub critic: CriticStep,
-    /// ∂Q/∂a at the policy's actions.
-    pub action_gradients: Vec<f32>,
-}
-
-impl Agent {
+impl<P: Policy> PolicyAgent<P> {
     /// Draws the initial weights.
     ///
     /// # Errors
@@ -101,7 +123,10 @@ impl Agent {
         } = settings;
         let action_len = settings.scale.len();
         let mut rng = Pcg64::seed_from_u64(settings.seed);
-        let actor = Architecture::actor(observation_len, action_len, settings.actor_hidden, activation)?;
+        let regularisation = settings.regularisation;
+        let batch_renorm = regularisation.batch_renorm;
+        let actor =
+            P::architecture(&settings)?.regularised(Regularisation { batch_renorm, ..Default::default() });
         let actor = Ensemble::new(actor, initialisation, 1, 1, &mut rng)?;
         let critic = Architecture::critic(
             observation_len,
@@ -109,13 +134,17 @@ impl Agent {
             settings.critic_hidden,
             settings.action_layer,
             activation,
-        )?;
+        )?
+        .regularised(regularisation);
         // One thread per member at most: its networks are worked on by the same.
         let threads = settings.threads.min(members);
         let mut critics =
             Ensemble::new(critic, initialisation, members * networks_per_member, threads, &mut rng)?;
         if let Some(value) = settings.initial_value {
             critics.raise_outputs(value);
+        }
+        if regularisation.batch_renorm.is_some() {
+            critics.keep_passes(networks_per_member);
         }
         if settings.valuation == Valuation::Half {
             critics.keep_halves();
@@ -124,6 +153,7 @@ impl Agent {
             actor,
             critics,
             body: Body::new(&settings, rng),
+            policy: P::new(&settings),
             networks_per_member,
             answers: vec![Answer { value: 0.0, gradient: vec![0.0; action_len] }; members],
             half_values: vec![0.0; members * networks_per_member],
@@ -140,17 +170,18 @@ impl Agent {
         self.body.scale.len()
     }
 
-    /// Writes the policy's action in its box; exploring, a uniform or a disturbed one. Otherwise no random number is drawn.
+    /// Writes the policy's action in its box; exploring, a uniform one or one that the policy draws. Otherwise no random number is drawn.
     ///
     /// # Errors
     /// A wrong length or a value that is not finite; [`Error::OutputNotFinite`].
     pub fn act(&mut self, observation: &[f32], explores: bool, action: &mut [f32]) -> Result<(), Error> {
-        let mut actor = self.actor.member(0);
-        self.body.act(observation, explores, action, |observation, unit| {
-            actor.observe(observation);
-            unit.copy_from_slice(actor.values(&[]));
-            Ok(())
-        })
+        if !self.body.begin_action(observation, explores, action)? {
+            let Body { buffers, noise, rng, .. } = &mut self.body;
+            let mut actor = self.actor.member(0);
+            actor.observe(&buffers.observation);
+            self.policy.act(actor.values(&[]), explores.then_some((noise, rng)), &mut buffers.action);
+        }
+        self.body.end_action(action)
     }
 
     /// Writes each member's value of one (s, a), and where asked for its gradient with respect to the action
@@ -206,47 +237,24 @@ impl Agent {
         check_finite_output("the gradients", gradients)
     }
 
-    /// Writes π'(s') of the batch into the buffers.
-    pub fn choose_next_actions(&mut self) {
-        let mut actor = self.actor.member(0);
-        let actions = actor.target_values(&self.body.buffers.next_observations, &[]);
-        self.body.buffers.next_actions.copy_from_slice(actions);
+    /// Begins an update: critics with dropout drop units until they have [counted a step](Ensemble::count_step).
+    pub fn begin_update(&mut self) {
+        self.critics.begin_update(&mut self.body.rng);
     }
 
-    /// Writes π(s) of the batch into the buffers. To be called before [`ascend`](Self::ascend).
-    pub fn choose_policy_actions(&mut self) {
-        let mut actor = self.actor.member(0);
-        actor.observe(&self.body.buffers.observations);
-        self.body.buffers.policy_actions.copy_from_slice(actor.values(&[]));
-    }
-
-    /// A step of the actor up the mean of the members' values over the batch, given their gradients at π(s). Returns the
-    /// norm of the actor's gradient before it was clipped.
+    /// A step of the actor down the gradient in its outputs, for the batch's observations. Returns the norm of the gradient of the weights
+    /// before it was clipped.
     ///
     /// # Errors
     /// [`Error::GradientNotFinite`]; the actor has taken no step then.
-    pub fn ascend(
-        &mut self,
-        steps: &[PolicyStep],
-        optimiser: &Adam,
-        clip: Option<f32>,
-        tau: f64,
-    ) -> Result<f32, Error> {
-        let rows = self.body.buffers.observations.len() / self.observation_len();
-        let share = 1.0 / (rows * steps.len()) as f32;
+    pub(crate) fn step_actor(&mut self, optimiser: &Adam, clip: Option<f32>, tau: f64) -> Result<f32, Error> {
         let mut actor = self.actor.member(0);
-        let (_, gradients) = actor.outputs();
-        gradients.fill(0.0);
-        for step in steps {
-            for (gradient, ascent) in gradients.iter_mut().zip(&step.action_gradients) {
-                *gradient -= share * ascent;
-            }
-        }
         actor.backward(&self.body.buffers.observations, &[]);
         let norm = actor.gradient_norm();
         if !norm.is_finite() {
             return Err(Error::GradientNotFinite(norm));
         }
+        actor.keep_statistics();
         actor.clipped_step(clip, optimiser, tau);
         self.actor.count_step();
         Ok(norm)
@@ -270,7 +278,8 @@ impl Agent {
     /// # Errors
     /// [`Error::ForeignState`] if it cannot be written.
     pub fn save(&self, magic: &[u8], bytes: &mut Vec<u8>) -> Result<(), Error> {
-        self.body.save(magic, self.actor.state(), self.critics.state(), bytes)
+        let state = self.body.state(self.actor.state(), self.critics.state());
+        write_state(magic, &(state, &self.policy), bytes)
     }
 
     /// Continues from what [`save`](Self::save) wrote.
@@ -278,11 +287,15 @@ impl Agent {
     /// # Errors
     /// Anything that is not the state of such an agent; nothing has changed then.
     pub fn load(&mut self, magic: &[u8], bytes: &[u8]) -> Result<(), Error> {
-        let AgentState { actor, critics, body } = self.body.read(magic, bytes)?;
+        let (state, policy): (AgentState<'static>, P) = read_state(magic, bytes)?;
+        let AgentState { actor, critics, body } = state;
+        self.body.check_state(&body)?;
+        policy.check()?;
         self.actor.check_state(&actor)?;
         self.critics.restore(critics.into_owned())?;
         self.actor.restore(actor.into_owned())?;
         self.body.restore(body);
+        self.policy.restore(policy);
         Ok(())
     }
 }

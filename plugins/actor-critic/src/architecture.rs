@@ -3,7 +3,7 @@
 use rand::{Rng, RngExt};
 use serde::{Deserialize, Serialize};
 
-use crate::{Error, Real};
+use crate::{BatchRenorm, Error, Real, kernels::scale, layer::Layer};
 
 /// What follows the affine part of a hidden layer.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -40,44 +40,15 @@ impl Initialisation {
     }
 }
 
-/// One affine layer. Its weights lie at `offset`: `inputs × outputs` row-major, then the rows of the action
-/// (`action_inputs × outputs`), then the bias (`outputs`).
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) struct Layer {
-    pub(crate) inputs: usize,
-    pub(crate) action_inputs: usize,
-    pub(crate) outputs: usize,
-    pub(crate) offset: usize,
-    /// How many outputs the layers before have together.
-    pub(crate) outputs_before: usize,
-    pub(crate) activation: Option<Activation>,
-}
-
-/// The three parts of a layer's weights.
-pub(crate) struct Parts<S> {
-    pub(crate) weights: S,
-    pub(crate) action_weights: S,
-    pub(crate) bias: S,
-}
-
-impl Layer {
-    fn parameter_len(&self) -> usize {
-        (self.inputs + self.action_inputs + 1) * self.outputs
-    }
-
-    pub(crate) fn parts<'a, T>(&self, parameters: &'a [T]) -> Parts<&'a [T]> {
-        let own = &parameters[self.offset..self.offset + self.parameter_len()];
-        let (weights, rest) = own.split_at(self.inputs * self.outputs);
-        let (action_weights, bias) = rest.split_at(self.action_inputs * self.outputs);
-        Parts { weights, action_weights, bias }
-    }
-
-    pub(crate) fn parts_mut<'a, T>(&self, parameters: &'a mut [T]) -> Parts<&'a mut [T]> {
-        let own = &mut parameters[self.offset..self.offset + self.parameter_len()];
-        let (weights, rest) = own.split_at_mut(self.inputs * self.outputs);
-        let (action_weights, bias) = rest.split_at_mut(self.action_inputs * self.outputs);
-        Parts { weights, action_weights, bias }
-    }
+/// What a network has beside affine layers and activations; without, it is a plain one.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Regularisation {
+    /// Normalises the sums of each hidden layer, before the activation (Ba et al. 2016).
+    pub layer_norm: bool,
+    /// Probability with which an update drops a hidden unit, before the normalisation (DroQ, Hiraoka et al. 2022).
+    pub dropout: f32,
+    /// Normalises the inputs of each layer, the action's values too (CrossQ, Bhatt et al. 2024).
+    pub batch_renorm: Option<BatchRenorm>,
 }
 
 /// A multi-layer perceptron.
@@ -133,6 +104,19 @@ impl Architecture {
         Self::new(observation_len, hidden, action_len, activation, Some(Activation::Tanh), None)
     }
 
+    /// The mean and the logarithm of the deviation of a Gaussian over actions: hidden layers, then first all means, then all logarithms.
+    ///
+    /// # Errors
+    /// [`Error::Shape`] for an empty layer or none.
+    pub fn gaussian(
+        observation_len: usize,
+        action_len: usize,
+        hidden: &[usize],
+        activation: Activation,
+    ) -> Result<Self, Error> {
+        Self::new(observation_len, hidden, 2 * action_len, activation, None, None)
+    }
+
     fn new(
         observation_len: usize,
         hidden: &[usize],
@@ -156,9 +140,40 @@ impl Architecture {
                 offset: before.map_or(0, |layer| layer.offset + layer.parameter_len()),
                 outputs_before: before.map_or(0, |layer| layer.outputs_before + layer.outputs),
                 activation: if index == hidden.len() { output_activation } else { Some(activation) },
+                index,
+                layer_norm: false,
+                dropout: 0.0,
+                batch_renorm: None,
             });
         }
         Ok(Self { layers, join, observation_len, action_len })
+    }
+
+    /// The same network with these normalisations.
+    #[must_use]
+    pub fn regularised(mut self, regularisation: Regularisation) -> Self {
+        let Regularisation { layer_norm, dropout, batch_renorm } = regularisation;
+        let last = self.layers.len() - 1;
+        let mut offset = 0;
+        for layer in &mut self.layers {
+            let is_hidden = layer.index < last;
+            layer.layer_norm = layer_norm && is_hidden;
+            layer.dropout = if is_hidden { dropout } else { 0.0 };
+            layer.batch_renorm = batch_renorm;
+            layer.offset = offset;
+            offset += layer.parameter_len();
+        }
+        self
+    }
+
+    /// The batch renormalisation, if there is one.
+    pub(crate) fn batch_renorm(&self) -> Option<BatchRenorm> {
+        self.layers[0].batch_renorm
+    }
+
+    /// Whether an update drops units.
+    pub(crate) fn drops_units(&self) -> bool {
+        self.layers.iter().any(|layer| layer.dropout > 0.0)
     }
 
     /// How many values an observation has.
@@ -207,6 +222,23 @@ impl Architecture {
                     *value = T::from_f64(if bound > 0.0 { rng.random_range(-bound..bound) } else { 0.0 });
                 }
             }
+            let (norm, [gain, shift, mean, variance]) = (layer.layer_norm(), layer.batch_renorm());
+            parameters[norm.clone()].fill(T::ZERO);
+            parameters[norm][..layer.layer_norm_len() / 2].fill(T::ONE);
+            if layer.batch_renorm.is_some() {
+                for (range, value) in [(gain, T::ONE), (shift, T::ZERO), (mean, T::ZERO), (variance, T::ONE)]
+                {
+                    parameters[range].fill(value);
+                }
+            }
+        }
+    }
+
+    /// Multiplies the matrices by `factor`; biases and normalisations keep their size.
+    pub(crate) fn decay<T: Real>(&self, parameters: &mut [T], factor: T) {
+        for layer in &self.layers {
+            let matrices = layer.offset..layer.offset + layer.rows() * layer.outputs;
+            scale(&mut parameters[matrices], factor);
         }
     }
 }
@@ -217,6 +249,7 @@ mod tests {
     use rand_pcg::Pcg64;
 
     use super::*;
+    use crate::layer::Parts;
 
     #[test]
     fn the_papers_critic_has_its_published_number_of_weights() {

@@ -76,22 +76,46 @@ impl Body {
         action: &mut [f32],
         policy: impl FnOnce(&[f32], &mut [f32]) -> Result<(), Error>,
     ) -> Result<(), Error> {
-        check_argument("observation", observation, self.observation_len)?;
-        check_length("action", action, self.scale.len())?;
-        let unit = &mut self.buffers.action;
-        unit.resize(action.len(), 0.0);
-        if explores && self.noise.step() < self.random_steps {
-            self.noise.skip();
-            unit.fill_with(|| self.rng.random_range(-1.0..=1.0));
-        } else {
-            Normaliser::take_rows(self.normaliser.as_ref(), observation, &mut self.buffers.observation);
-            policy(&self.buffers.observation, unit)?;
+        if !self.begin_action(observation, explores, action)? {
+            policy(&self.buffers.observation, &mut self.buffers.action)?;
             if explores {
-                self.noise.disturb(unit, &mut self.rng);
+                self.noise.disturb(&mut self.buffers.action, &mut self.rng);
             }
         }
-        check_finite_output("the actor's output", unit)?;
-        self.scale.from_unit(unit, action);
+        self.end_action(action)
+    }
+
+    /// Takes in the observation, and draws a uniform action into the buffers if it is one of the first exploring ones. Returns whether it did:
+    /// if not, the action is still to be chosen.
+    ///
+    /// # Errors
+    /// A wrong length or a value that is not finite.
+    pub(crate) fn begin_action(
+        &mut self,
+        observation: &[f32],
+        explores: bool,
+        action: &[f32],
+    ) -> Result<bool, Error> {
+        check_argument("observation", observation, self.observation_len)?;
+        check_length("action", action, self.scale.len())?;
+        self.buffers.action.resize(action.len(), 0.0);
+        let is_uniform = explores && self.noise.step() < self.random_steps;
+        if is_uniform {
+            self.noise.skip();
+            self.buffers.action.fill_with(|| self.rng.random_range(-1.0..=1.0));
+        } else {
+            Normaliser::take_rows(self.normaliser.as_ref(), observation, &mut self.buffers.observation);
+        }
+        Ok(is_uniform)
+    }
+
+    /// Writes the action of the buffers in its box.
+    ///
+    /// # Errors
+    /// [`Error::OutputNotFinite`].
+    pub(crate) fn end_action(&self, action: &mut [f32]) -> Result<(), Error> {
+        check_finite_output("the actor's output", &self.buffers.action)?;
+        self.scale.from_unit(&self.buffers.action, action);
         Ok(())
     }
 

@@ -47,6 +47,15 @@ pub fn check_share(name: &'static str, value: impl Into<f64>) -> Result<(), Erro
     check((0.0..=1.0).contains(&value), name, value, "in [0, 1]")
 }
 
+/// Refuses a setting outside [0, 1).
+///
+/// # Errors
+/// [`Error::Setting`].
+pub fn check_below_one(name: &'static str, value: impl Into<f64>) -> Result<(), Error> {
+    let value = value.into();
+    check((0.0..1.0).contains(&value), name, value, "at least 0 and below 1")
+}
+
 /// Refuses hidden layers that cannot be built: none, or one without units.
 ///
 /// # Errors

@@ -1,6 +1,6 @@
 //! What one critic, or one group of them, needs and returns in an update.
 
-use crate::{Buffers, Error, Loss, Member};
+use crate::{Buffers, Error, Group, Loss, Member, SmallestGradients, smaller};
 
 /// The part that every kind of critic has in common. Kept between updates, so that nothing is allocated after the first.
 #[derive(Debug, Clone, Default)]
@@ -62,5 +62,46 @@ impl Member<'_, f32> {
         self.values(&batch.policy_actions);
         gradients.resize(batch.policy_actions.len(), 0.0);
         self.action_gradients(gradients);
+    }
+
+    /// Keeps ∂Q/∂a of a critic at the policy's actions in the rows where its value is the smallest so far. To be called as
+    /// [`policy_gradients`](Self::policy_gradients).
+    pub fn smallest_policy_gradients(&mut self, batch: &Buffers, kept: &mut SmallestGradients) {
+        let SmallestGradients { gradients, values, own, is_smallest } = kept;
+        is_smallest.clear();
+        for (value, smallest) in self.values(&batch.policy_actions).iter().zip(values) {
+            is_smallest.push(*value < *smallest || value.is_nan());
+            *smallest = smaller(*smallest, *value);
+        }
+        own.resize(gradients.len(), 0.0);
+        self.action_gradients(own);
+        let width = gradients.len() / is_smallest.len();
+        let rows = gradients.chunks_exact_mut(width).zip(own.chunks_exact(width));
+        for ((gradients, own), _) in rows.zip(is_smallest).filter(|(_, is_smallest)| **is_smallest) {
+            gradients.copy_from_slice(own);
+        }
+    }
+}
+
+impl SmallestGradients {
+    /// Forgets what was kept; makes room for the gradients of so many rows.
+    pub fn begin(&mut self, rows: usize, action_len: usize) {
+        self.values.clear();
+        self.values.resize(rows, f32::INFINITY);
+        self.gradients.clear();
+        self.gradients.resize(rows * action_len, 0.0);
+    }
+}
+
+impl Group<'_, f32> {
+    /// Writes the smallest of the target networks' values, row by row.
+    pub fn smallest_target_values(&mut self, observations: &[f32], actions: &[f32], smallest: &mut [f32]) {
+        smallest.fill(f32::INFINITY);
+        for network in 0..self.size() {
+            let mut critic = self.member(network);
+            for (smallest, value) in smallest.iter_mut().zip(critic.target_values(observations, actions)) {
+                *smallest = smaller(*smallest, *value);
+            }
+        }
     }
 }

@@ -1,6 +1,6 @@
 //! Networks of one shape, their weights side by side, worked on by a fixed number of threads.
 
-use rand::Rng;
+use rand::{Rng, RngExt};
 use rayon::prelude::*;
 use serde::{Deserialize, Serialize};
 
@@ -8,7 +8,7 @@ use crate::{
     Architecture, Error, Group, Initialisation, Member, Real,
     adam::Slices,
     half::{self, Copies},
-    pass::Workspace,
+    workspace::Workspace,
 };
 
 /// What an ensemble remembers: everything that the next step depends on. Each member's parameters lie together.
@@ -56,7 +56,11 @@ pub struct Ensemble<T: Real> {
     architecture: Architecture,
     members: usize,
     state: EnsembleState<T>,
+    /// Per thread, one after the other, as many as a group keeps passes.
     workspaces: Vec<Workspace<T>>,
+    passes: usize,
+    /// In an update, if units are dropped.
+    dropout_seed: Option<u64>,
     copies: Option<Copies>,
     pool: Option<rayon::ThreadPool>,
 }
@@ -100,7 +104,27 @@ impl<T: Real> Ensemble<T> {
             steps: 0,
         };
         let workspaces = vec![Workspace::default(); workers];
-        Ok(Self { architecture, members, state, workspaces, copies: None, pool })
+        Ok(Self {
+            architecture,
+            members,
+            state,
+            workspaces,
+            passes: 1,
+            dropout_seed: None,
+            copies: None,
+            pool,
+        })
+    }
+
+    /// Lets each of the first `passes` members of a group have buffers of its own, so that their passes can be used together.
+    pub fn keep_passes(&mut self, passes: usize) {
+        let threads = self.threads();
+        self.passes = passes.max(1);
+        self.workspaces.resize(threads * self.passes, Workspace::default());
+    }
+
+    fn threads(&self) -> usize {
+        self.workspaces.len() / self.passes
     }
 
     /// How many networks there are.
@@ -118,8 +142,14 @@ impl<T: Real> Ensemble<T> {
         self.state.steps
     }
 
-    /// Says that every member has taken a step. To be called once per update, after the members' own steps.
+    /// Begins an update, in which networks with dropout drop units, which others never do. Where none are, no random number is drawn.
+    pub fn begin_update(&mut self, rng: &mut impl Rng) {
+        self.dropout_seed = self.architecture.drops_units().then(|| rng.random());
+    }
+
+    /// Says that every member has taken a step. To be called once per update, after the members' own steps; it ends the update.
     pub fn count_step(&mut self) {
+        self.dropout_seed = None;
         self.state.steps += 1;
         self.weights_have_changed();
     }
@@ -148,6 +178,7 @@ impl<T: Real> Ensemble<T> {
         let length = self.architecture.parameter_len();
         let EnsembleState { weights, targets, first_moments, second_moments, steps } = &mut self.state;
         let all = Slices { weights, targets, first: first_moments, second: second_moments };
+        self.workspaces[0].begin(None, 0);
         Member {
             index,
             architecture: &self.architecture,
@@ -182,22 +213,25 @@ impl<T: Real> Ensemble<T> {
     ) {
         assert_eq!(results.len() * size, self.members, "one result per group");
         let length = size * self.architecture.parameter_len();
-        let share = results.len().div_ceil(self.workspaces.len());
-        let next_step = self.state.steps + 1;
+        let share = results.len().div_ceil(self.threads());
+        let (next_step, passes, seed) = (self.state.steps + 1, self.passes, self.dropout_seed);
         let architecture = &self.architecture;
         let EnsembleState { weights, targets, first_moments, second_moments, .. } = &mut self.state;
 
         let run =
-            |first: usize, mut slices: Slices<'_, T>, results: &mut [R], workspace: &mut Workspace<T>| {
+            |first: usize, mut slices: Slices<'_, T>, results: &mut [R], workspaces: &mut [Workspace<T>]| {
                 for (offset, result) in results.iter_mut().enumerate() {
                     let slices = slices.part(offset * length..(offset + 1) * length);
                     let index = first + offset;
-                    work(&mut Group { index, size, architecture, slices, workspace, next_step }, result);
+                    for (pass, workspace) in workspaces.iter_mut().enumerate() {
+                        workspace.begin(seed, index * passes + pass);
+                    }
+                    work(&mut Group { index, size, architecture, slices, workspaces, next_step }, result);
                 }
             };
         let Some(pool) = &self.pool else {
             let slices = Slices { weights, targets, first: first_moments, second: second_moments };
-            return run(0, slices, results, &mut self.workspaces[0]);
+            return run(0, slices, results, &mut self.workspaces);
         };
         let workspaces = &mut self.workspaces;
         pool.install(|| {
@@ -207,10 +241,10 @@ impl<T: Real> Ensemble<T> {
                 .zip(first_moments.par_chunks_mut(share * length))
                 .zip(second_moments.par_chunks_mut(share * length))
                 .zip(results.par_chunks_mut(share))
-                .zip(workspaces)
+                .zip(workspaces.par_chunks_mut(passes))
                 .enumerate()
-                .for_each(|(chunk, (((((weights, targets), first), second), results), workspace))| {
-                    run(chunk * share, Slices { weights, targets, first, second }, results, workspace);
+                .for_each(|(chunk, (((((weights, targets), first), second), results), workspaces))| {
+                    run(chunk * share, Slices { weights, targets, first, second }, results, workspaces);
                 });
         });
     }
@@ -265,6 +299,7 @@ impl Ensemble<f32> {
     /// If `values` has not one entry per network.
     pub fn value_in_half(&mut self, observation: &[f32], action: &[f32], values: &mut [f32]) -> bool {
         assert_eq!(values.len(), self.members, "one value per network");
+        let (share, passes) = (self.members.div_ceil(self.threads()), self.passes);
         let Some(copies) = &mut self.copies else { return false };
         let architecture = &self.architecture;
         let length = architecture.parameter_len();
@@ -274,6 +309,7 @@ impl Ensemble<f32> {
                    fits: &mut [bool],
                    values: &mut [f32],
                    workspace: &mut Workspace<f32>| {
+            workspace.begin(None, 0);
             let networks = weights.chunks_exact(length).zip(halves.chunks_exact_mut(length));
             for (((weights, halves), fits), value) in networks.zip(fits).zip(values) {
                 if is_stale {
@@ -287,7 +323,6 @@ impl Ensemble<f32> {
             run(&self.state.weights, &mut copies.weights, &mut copies.fits, values, &mut self.workspaces[0]);
             return true;
         };
-        let share = self.members.div_ceil(self.workspaces.len());
         let (weights, workspaces) = (&self.state.weights, &mut self.workspaces);
         pool.install(|| {
             weights
@@ -295,9 +330,9 @@ impl Ensemble<f32> {
                 .zip(copies.weights.par_chunks_mut(share * length))
                 .zip(copies.fits.par_chunks_mut(share))
                 .zip(values.par_chunks_mut(share))
-                .zip(workspaces)
-                .for_each(|((((weights, halves), fits), values), workspace)| {
-                    run(weights, halves, fits, values, workspace);
+                .zip(workspaces.par_chunks_mut(passes))
+                .for_each(|((((weights, halves), fits), values), workspaces)| {
+                    run(weights, halves, fits, values, &mut workspaces[0]);
                 });
         });
         true

@@ -6,8 +6,10 @@
 
 use crate::{
     Architecture,
-    kernels::{activate, vectorised},
-    pass::Workspace,
+    kernels::vectorised,
+    layer::Side,
+    pass::{finish, take_in},
+    workspace::Workspace,
 };
 
 /// The difference between the exponents' biases.
@@ -54,7 +56,8 @@ fn widen(weight: u16) -> f32 {
     f32::from_bits(((i32::from(weight as i16) << CUT) & KEPT) as u32)
 }
 
-/// The network's outputs for one row, in the last layer's place of the workspace. Weights come from `copies`, biases from `parameters`.
+/// The network's outputs for one row, in the last layer's place of the workspace. Weights come from `copies`, biases and
+/// normalisations from `parameters`.
 pub(crate) fn forward(
     architecture: &Architecture,
     copies: &[u16],
@@ -65,19 +68,22 @@ pub(crate) fn forward(
 ) {
     workspace.resize(architecture, 1);
     for layer in &architecture.layers {
-        let (halves, parts) = (layer.parts(copies), layer.parts(parameters));
-        let (input, output, _) = workspace.layer_io(layer, observation);
-        output.fill(0.0);
+        let halves = layer.parts(copies);
+        let io = workspace.io(layer, observation);
+        io.output.fill(0.0);
+        let input = take_in(layer, Side::Below, parameters, io.input, io.renormed, io.statistics);
         vectorised(
             #[inline(always)]
-            || {
-                add_product(output, input, halves.weights);
-                if layer.action_inputs > 0 {
-                    add_product(output, action, halves.action_weights);
-                }
-            },
+            || add_product(io.output, input, halves.weights),
         );
-        activate(output, parts.bias, layer.activation);
+        if layer.action_inputs > 0 {
+            let action = take_in(layer, Side::Action, parameters, action, io.renormed, io.statistics);
+            vectorised(
+                #[inline(always)]
+                || add_product(io.output, action, halves.action_weights),
+            );
+        }
+        finish(layer, parameters, workspace);
     }
 }
 

@@ -154,6 +154,21 @@ pub(crate) fn activate<T: Real>(values: &mut [T], bias: &[T], activation: Option
     }
 }
 
+/// `y = activation(y)`, where biases were added before.
+pub(crate) fn activate_sums<T: Real>(values: &mut [T], activation: Option<Activation>) {
+    match activation {
+        None => {}
+        Some(Activation::Tanh) => vectorised(
+            #[inline(always)]
+            || values.iter_mut().for_each(|x| *x = T::tanh(*x)),
+        ),
+        Some(Activation::Relu) => vectorised(
+            #[inline(always)]
+            || values.iter_mut().for_each(|x| *x = if *x < T::ZERO { T::ZERO } else { *x }),
+        ),
+    }
+}
+
 #[inline(always)]
 fn map_rows<T: Real>(values: &mut [T], bias: &[T], function: impl Fn(T) -> T) {
     vectorised(

@@ -5,13 +5,19 @@ mod action_scale;
 mod adam;
 mod agent;
 mod architecture;
+mod batch_renorm;
 mod body;
 mod checkpoint;
 mod checks;
 mod critic_step;
+mod deterministic;
+mod dropout;
 mod ensemble;
+mod gaussian;
 mod half;
 mod kernels;
+mod layer;
+mod layer_norm;
 mod loss;
 mod member;
 mod noise;
@@ -21,19 +27,23 @@ mod pass;
 mod real;
 mod state;
 mod tensors;
+mod workspace;
 
 pub use action_scale::ActionScale;
 pub use adam::Adam;
-pub use agent::{Agent, AgentSettings, PolicyStep, Valuation, smaller};
-pub use architecture::{Activation, Architecture, Initialisation};
+pub use agent::{AgentSettings, Policy, PolicyAgent, Valuation, smaller};
+pub use architecture::{Activation, Architecture, Initialisation, Regularisation};
+pub use batch_renorm::BatchRenorm;
 pub use body::{Body, Buffers};
 pub use checkpoint::{read_state, write_state};
 pub use checks::{
-    check_finite_output, check_finite_setting, check_layers, check_not_negative, check_positive, check_share,
-    check_unit,
+    check_below_one, check_finite_output, check_finite_setting, check_layers, check_not_negative,
+    check_positive, check_share, check_unit,
 };
 pub use critic_step::CriticStep;
+pub use deterministic::{Agent, Deterministic, PolicyStep};
 pub use ensemble::{Ensemble, EnsembleState};
+pub use gaussian::{Draws, Gaussian, LOG_DEVIATION, SmallestGradients, SoftAgent, SoftStep};
 pub use loss::{Loss, cross_entropy, sigmoid};
 pub use member::{Group, Member};
 pub use noise::{Noise, NoiseProcess, Schedule};

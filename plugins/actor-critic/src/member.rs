@@ -3,8 +3,9 @@
 use crate::{
     Adam, Architecture, Real,
     adam::Slices,
+    batch_renorm::Statistics,
     kernels::{norm, scale},
-    pass::Workspace,
+    workspace::Workspace,
 };
 
 /// A network, its target network and its optimiser's state, in the hands of one thread.
@@ -28,6 +29,7 @@ impl<T: Real> Member<'_, T> {
 
     /// The target network's outputs: `size × output_len`. `actions` is empty for an actor.
     pub fn target_values(&mut self, observations: &[T], actions: &[T]) -> &[T] {
+        self.workspace.statistics = Statistics::Running;
         self.architecture.trunk(self.slices.targets, observations, self.workspace);
         self.architecture.head(self.slices.targets, actions, self.workspace);
         self.workspace.outputs(self.architecture).0
@@ -35,6 +37,7 @@ impl<T: Real> Member<'_, T> {
 
     /// Takes in the observations; everything that does not depend on the action is computed here, once.
     pub fn observe(&mut self, observations: &[T]) {
+        self.workspace.statistics = Statistics::Running;
         self.architecture.trunk(self.slices.weights, observations, self.workspace);
     }
 
@@ -42,6 +45,23 @@ impl<T: Real> Member<'_, T> {
     pub fn values(&mut self, actions: &[T]) -> &[T] {
         self.architecture.head(self.slices.weights, actions, self.workspace);
         self.workspace.outputs(self.architecture).0
+    }
+
+    /// The network's outputs for a batch, as [`observe`](Self::observe) and [`values`](Self::values) give them, but that batch
+    /// renormalisation takes the batch's statistics.
+    pub fn learn(&mut self, observations: &[T], actions: &[T]) -> &[T] {
+        if let Some(settings) = self.architecture.batch_renorm() {
+            let is_warm = self.next_step > settings.warm_up;
+            self.workspace.statistics = Statistics::Batch { is_warm };
+        }
+        self.architecture.trunk(self.slices.weights, observations, self.workspace);
+        self.architecture.head(self.slices.weights, actions, self.workspace);
+        self.workspace.outputs(self.architecture).0
+    }
+
+    /// Moves the running statistics of batch renormalisation towards those of the last pass, which was [`learn`](Self::learn)'s.
+    pub fn keep_statistics(&mut self) {
+        self.architecture.move_statistics(self.slices.weights, self.workspace);
     }
 
     /// The last outputs, and the place for the gradient of the loss with respect to them.
@@ -77,6 +97,9 @@ impl<T: Real> Member<'_, T> {
     /// One step of the optimiser along the gradient, then target ← target + `tau` (weights − target).
     pub fn step(&mut self, adam: &Adam, tau: f64) {
         let Slices { weights, targets, first, second } = &mut self.slices;
+        if adam.weight_decay > 0.0 {
+            self.architecture.decay(weights, T::from_f64(1.0 - adam.rate * adam.weight_decay));
+        }
         adam.apply(
             Slices { weights, targets, first, second },
             &self.workspace.gradients,
@@ -99,14 +122,14 @@ impl<T: Real> Member<'_, T> {
     }
 }
 
-/// Successive members of an ensemble in the hands of one thread, for instance TD3's twins. They share the buffers of a
-/// pass: what one member computed is gone once another was used.
+/// Successive members of an ensemble in the hands of one thread, for instance TD3's twins. They share the buffers of a pass, so that what
+/// one member computed is gone once another was used, unless the ensemble [keeps more](crate::Ensemble::keep_passes).
 pub struct Group<'a, T: Real> {
     pub(crate) index: usize,
     pub(crate) size: usize,
     pub(crate) architecture: &'a Architecture,
     pub(crate) slices: Slices<'a, T>,
-    pub(crate) workspace: &'a mut Workspace<T>,
+    pub(crate) workspaces: &'a mut [Workspace<T>],
     pub(crate) next_step: u64,
 }
 
@@ -124,11 +147,12 @@ impl<T: Real> Group<'_, T> {
     /// A member, counted from 0 within the group.
     pub fn member(&mut self, index: usize) -> Member<'_, T> {
         let length = self.architecture.parameter_len();
+        let passes = self.workspaces.len();
         Member {
             index: self.index * self.size + index,
             architecture: self.architecture,
             slices: self.slices.part(index * length..(index + 1) * length),
-            workspace: self.workspace,
+            workspace: &mut self.workspaces[index % passes],
             next_step: self.next_step,
         }
     }

@@ -5,7 +5,7 @@
 
 use prost::Message;
 
-use crate::{Activation, Agent, Normaliser, Tensor};
+use crate::{Activation, Normaliser, Policy, PolicyAgent, Tensor, layer::Side};
 
 /// Of the format, and of its operators: what every reader since 2021 knows.
 const IR_VERSION: i64 = 8;
@@ -158,8 +158,8 @@ fn row(name: &str, length: usize) -> ValueInfoProto {
     ValueInfoProto { name: name.into(), r#type: Some(TypeProto { tensor_type }) }
 }
 
-impl Agent {
-    /// Appends the greedy policy as an ONNX model.
+impl<P: Policy> PolicyAgent<P> {
+    /// Appends the greedy policy as an ONNX model: of a stochastic policy, its mean.
     pub fn write_onnx(&self, bytes: &mut Vec<u8>) {
         let mut chain = Chain::new("observation");
         if let Some(normaliser) = &self.body.normaliser {
@@ -174,14 +174,28 @@ impl Agent {
             ];
             chain.then("Clip", &bounds);
         }
-        let tensors = self.actor.tensors("actor", true);
-        for (layer, parts) in self.actor.architecture().layers.iter().zip(tensors.chunks_exact(2)) {
-            chain.then("MatMul", &parts[..1]);
-            chain.then("Add", &parts[1..]);
+        let network = self.actor.weights();
+        for layer in &self.actor.architecture().layers {
+            let named = |part: &str, shape: &[usize], values: &[f32]| {
+                let name = format!("actor.layers.{}.{part}", layer.index);
+                Tensor { name, shape: shape.to_vec(), values: values.to_vec().into() }
+            };
+            if layer.batch_renorm.is_some() {
+                let [factor, summand] = layer.features(Side::Below, network).affine();
+                chain.then("Mul", &[named("input_factor", &[layer.inputs], &factor)]);
+                chain.then("Add", &[named("input_summand", &[layer.inputs], &summand)]);
+            }
+            let is_last = layer == self.actor.architecture().last();
+            // Of a Gaussian's outputs, the means come first.
+            let columns = if is_last { self.action_len() } else { layer.outputs };
+            let parts = layer.parts(network);
+            let weight = named("weight", &[layer.inputs, layer.outputs], parts.weights);
+            chain.then("MatMul", &[weight.first_columns(columns)]);
+            chain.then("Add", &[named("bias", &[layer.outputs], parts.bias).first_columns(columns)]);
             match layer.activation {
-                Some(Activation::Tanh) => chain.then("Tanh", &[]),
                 Some(Activation::Relu) => chain.then("Relu", &[]),
-                None => {}
+                // Where the network ends without tanh, the policy squashes its mean.
+                Some(Activation::Tanh) | None => chain.then("Tanh", &[]),
             }
         }
         let [low, high] = self.body.scale.tensors();

@@ -27,7 +27,24 @@ pub struct BodyState<'a> {
 }
 
 impl Body {
-    /// Appends the state of an agent with this body and these networks.
+    /// The state of an agent with this body and these networks.
+    pub(crate) fn state<'a>(
+        &'a self,
+        actor: &'a EnsembleState<f32>,
+        critics: &'a EnsembleState<f32>,
+    ) -> AgentState<'a> {
+        AgentState {
+            actor: Cow::Borrowed(actor),
+            critics: Cow::Borrowed(critics),
+            body: BodyState {
+                noise: Cow::Borrowed(&self.noise),
+                normaliser: Cow::Borrowed(&self.normaliser),
+                rng: Cow::Borrowed(&self.rng),
+            },
+        }
+    }
+
+    /// Appends the state of an agent with this body, these networks and a deterministic policy.
     ///
     /// # Errors
     /// [`Error::ForeignState`] if it cannot be written.
@@ -38,16 +55,7 @@ impl Body {
         critics: &EnsembleState<f32>,
         bytes: &mut Vec<u8>,
     ) -> Result<(), Error> {
-        let state = AgentState {
-            actor: Cow::Borrowed(actor),
-            critics: Cow::Borrowed(critics),
-            body: BodyState {
-                noise: Cow::Borrowed(&self.noise),
-                normaliser: Cow::Borrowed(&self.normaliser),
-                rng: Cow::Borrowed(&self.rng),
-            },
-        };
-        write_state(magic, &state, bytes)
+        write_state(magic, &self.state(actor, critics), bytes)
     }
 
     /// Reads what [`save`](Self::save) wrote with the same `magic`; nothing changes yet.
@@ -56,11 +64,19 @@ impl Body {
     /// Anything that is not the state of an agent with such a body. Whether its networks fit is not checked.
     pub fn read(&self, magic: &[u8], bytes: &[u8]) -> Result<AgentState<'static>, Error> {
         let state: AgentState<'static> = read_state(magic, bytes)?;
-        if state.body.noise.dimensions() != self.noise.dimensions() {
+        self.check_state(&state.body)?;
+        Ok(state)
+    }
+
+    /// Whether a state can be continued from.
+    ///
+    /// # Errors
+    /// [`Error::ForeignState`] if it is that of another kind of body.
+    pub(crate) fn check_state(&self, state: &BodyState<'_>) -> Result<(), Error> {
+        if state.noise.dimensions() != self.noise.dimensions() {
             return Err(Error::ForeignState("its noise has another number of dimensions".into()));
         }
-        Normaliser::check_alike(self.normaliser.as_ref(), state.body.normaliser.as_ref().as_ref())?;
-        Ok(state)
+        Normaliser::check_alike(self.normaliser.as_ref(), state.normaliser.as_ref().as_ref())
     }
 
     /// Continues from a state that was [read](Self::read).

@@ -2,6 +2,9 @@
 //!
 //! A layer of network `i` of `critics` is `critics.i.layers.k.weight` (inputs × outputs) and `critics.i.layers.k.bias` (outputs):
 //! y = f(x W + b). Where the action enters, its rows follow the input's in the same matrix: x is the input, then the action.
+//! With layer normalisation, y = f(weight · (z − mean of z)/√(variance of z + 1e-5) + bias) of z = x W + b, with `critics.i.layers.k.norm.weight`
+//! and `.norm.bias`. With batch renormalisation, x is first weight · (x − mean)/√(variance + 1e-3) + bias, with
+//! `critics.i.layers.k.input_norm.weight`, `.bias`, `.mean` and `.variance`.
 //! `actor` is one network. Target networks have the same names under `target_`.
 
 use std::borrow::Cow;
@@ -32,6 +35,20 @@ impl<'a> Tensor<'a> {
     }
 }
 
+impl Tensor<'_> {
+    /// The first columns of a matrix, or the first values of a vector.
+    pub(crate) fn first_columns(&self, columns: usize) -> Self {
+        let mut shape = self.shape.clone();
+        let width = shape.last_mut().map_or(1, |width| std::mem::replace(width, columns));
+        let rows = self.values.chunks_exact(width);
+        Self {
+            name: self.name.clone(),
+            shape,
+            values: rows.flat_map(|row| &row[..columns]).copied().collect(),
+        }
+    }
+}
+
 impl View for &Tensor<'_> {
     fn dtype(&self) -> Dtype {
         Dtype::F32
@@ -58,10 +75,22 @@ impl Architecture {
             let weights = &parameters[layer.offset..layer.offset + inputs * layer.outputs];
             let bias = layer.parts(parameters).bias;
             let name = |part: &str| format!("{network}.layers.{index}.{part}");
-            [
+            let mut tensors = vec![
                 Tensor::new(name("weight"), &[inputs, layer.outputs], weights),
                 Tensor::new(name("bias"), &[layer.outputs], bias),
-            ]
+            ];
+            if layer.layer_norm {
+                let (gain, shift) = parameters[layer.layer_norm()].split_at(layer.outputs);
+                tensors.push(Tensor::new(name("norm.weight"), &[layer.outputs], gain));
+                tensors.push(Tensor::new(name("norm.bias"), &[layer.outputs], shift));
+            }
+            if layer.batch_renorm.is_some() {
+                let parts = ["weight", "bias", "mean", "variance"].iter().zip(layer.batch_renorm());
+                tensors.extend(parts.map(|(part, range)| {
+                    Tensor::new(name(&format!("input_norm.{part}")), &[inputs], &parameters[range])
+                }));
+            }
+            tensors
         });
         layers.collect()
     }

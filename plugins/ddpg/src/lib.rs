@@ -27,8 +27,8 @@ impl Update for DdpgUpdate {
 
     fn new(config: &DdpgConfig) -> Self {
         Self {
-            actor_optimiser: Adam::new(config.actor_rate),
-            critic_optimiser: Adam::new(config.critic_rate),
+            actor_optimiser: Adam::new(config.actor_rate).with_decay(config.weight_decay),
+            critic_optimiser: Adam::new(config.critic_rate).with_decay(config.weight_decay),
             steps: vec![PolicyStep::default(); config.critics],
         }
     }
@@ -41,6 +41,7 @@ impl Update for DdpgUpdate {
         host: &Host,
     ) -> Result<()> {
         take_batch(&mut agent.body, batch, config.critics)?;
+        agent.begin_update();
         // π'(s') for the critics' targets; π(s) for the actor's ascent.
         agent.choose_next_actions();
         agent.choose_policy_actions();

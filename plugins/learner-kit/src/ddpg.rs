@@ -2,6 +2,8 @@
 
 use actor_critic::{Activation, Initialisation, Loss, NoiseProcess, Valuation};
 
+use crate::settings::check_tau;
+
 shield_api::config! {
     /// Settings of DDPG. "Paper" is Leave no Trace, appendix C; what it does not give comes from Lillicrap et al. 2015
     /// (DDPG) and Fujimoto et al. 2018 (TD3).
@@ -16,6 +18,12 @@ shield_api::config! {
         action_layer: usize = 1,
         /// Tanh or Relu in hidden layers (paper: tanh).
         activation: Activation = Activation::Tanh => "Tanh",
+        /// Normalises the sums of a critic's hidden layers before the activation (not in the paper; DroQ, Hiraoka et al. 2022, and RLPD do).
+        layer_norm: bool = false,
+        /// Probability with which an update drops a hidden unit of a critic (not in the paper; DroQ: 0.01 or less, with `layer_norm`).
+        dropout: f32 = 0.0,
+        /// AdamW's decay of the matrices of actor and critics, times their step sizes (not in the paper).
+        weight_decay: f64 = 0.0,
         /// How weights begin: Lillicrap (DDPG's: small in the last layer), FanIn (PyTorch's), Glorot or He.
         initialisation: Initialisation = Initialisation::Lillicrap => "Lillicrap",
         /// Adam's step size for the actor (DDPG: 1e-4).
@@ -49,4 +57,9 @@ shield_api::config! {
     }
 }
 
-crate::settings::describe_agent!(DdpgConfig, "DDPG", magic: b"shield/ddpg/1\n", networks_per_member: 1, also_check: |_| Ok(()));
+crate::settings::describe_agent!(DdpgConfig, "DDPG", magic: b"shield/ddpg/1\n", networks_per_member: 1,
+    also_check: |config| {
+    check_tau(config.tau)?;
+    config.check_noise()
+}, exploration: Self::noisy);
+crate::settings::describe_noise!(DdpgConfig);

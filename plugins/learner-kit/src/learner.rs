@@ -1,6 +1,6 @@
 //! A learner with an actor and critics, around its update: acting, valuing and saving are the same whatever the update is.
 
-use actor_critic::{Agent, AgentSettings};
+use actor_critic::{AgentSettings, Policy, PolicyAgent};
 use shield_api::{
     ActMode, Batch, Checkpoint, Error, Host, Learner, LearnerInfo, Plugin, PluginConfig, Result, Setup,
 };
@@ -139,9 +139,9 @@ impl<U: Update> Checkpoint for ActorCritic<U> {
     }
 }
 
-impl Backend for Agent {
+impl<P: Policy> Backend for PolicyAgent<P> {
     fn new(settings: AgentSettings<'_>) -> Result<Self> {
-        Agent::new(settings).map_err(plugin_error)
+        Self::new(settings).map_err(plugin_error)
     }
 
     fn act(&mut self, observation: &[f32], explores: bool, action: &mut [f32]) -> Result<()> {

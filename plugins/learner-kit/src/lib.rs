@@ -2,9 +2,11 @@
 #![forbid(unsafe_code)]
 
 mod attempts;
+mod crossq;
 mod ddpg;
 mod learner;
 mod report;
+mod sac;
 mod settings;
 mod td3;
 
@@ -12,9 +14,11 @@ use actor_critic::{Body, ErrorKind, check_unit};
 use shield_api::{Batch, Error, Result, check_finite};
 
 pub use attempts::{UndoTarget, check_attempts};
+pub use crossq::CrossqConfig;
 pub use ddpg::DdpgConfig;
 pub use learner::{ActorCritic, AgentConfig, Backend, Update};
 pub use report::CriticReport;
+pub use sac::SacConfig;
 pub use td3::Td3Config;
 
 /// An error of the networks as one of a plugin.

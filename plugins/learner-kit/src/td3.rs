@@ -6,6 +6,8 @@ use actor_critic::{
 use rand::{Rng, RngExt};
 use rand_distr::StandardNormal;
 
+use crate::settings::check_tau;
+
 shield_api::config! {
     /// Settings of TD3. "TD3" is Fujimoto et al. 2018; "paper" is Leave no Trace, appendix C.
     pub struct Td3Config {
@@ -19,6 +21,12 @@ shield_api::config! {
         action_layer: usize = 1,
         /// Tanh or Relu in hidden layers (paper: tanh; TD3: ReLU).
         activation: Activation = Activation::Tanh => "Tanh",
+        /// Normalises the sums of a critic's hidden layers before the activation (not in TD3; DroQ, Hiraoka et al. 2022, and RLPD do).
+        layer_norm: bool = false,
+        /// Probability with which an update drops a hidden unit of a critic (not in TD3; DroQ: 0.01 or less, with `layer_norm`).
+        dropout: f32 = 0.0,
+        /// AdamW's decay of the matrices of actor and critics, times their step sizes (not in TD3).
+        weight_decay: f64 = 0.0,
         /// How weights begin: Lillicrap (DDPG's: small in the last layer), FanIn (PyTorch's, so TD3's), Glorot or He.
         initialisation: Initialisation = Initialisation::Lillicrap => "Lillicrap",
         /// Adam's step size for the actor (TD3: 1e-3 with 400-300; its authors' later code has 3e-4 with 256-256).
@@ -59,10 +67,13 @@ shield_api::config! {
 }
 
 crate::settings::describe_agent!(Td3Config, "TD3", magic: b"shield/td3/1\n", networks_per_member: 2, also_check: |config| {
+    check_tau(config.tau)?;
+    config.check_noise()?;
     check_positive("policy_delay", config.policy_delay as f64)?;
     check_not_negative("target_sigma", config.target_sigma)?;
     check_not_negative("target_clip", config.target_clip)
-});
+}, exploration: Self::noisy);
+crate::settings::describe_noise!(Td3Config);
 
 impl Td3Config {
     /// Target smoothing of actions in [-1, 1]: ã = π'(s') + clip(σ̃ N(0, 1), ±c), inside the box. The same for every pair.

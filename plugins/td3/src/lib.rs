@@ -4,7 +4,7 @@
 #[cfg(test)]
 mod tests;
 
-use actor_critic::{Adam, Agent, PolicyStep, smaller};
+use actor_critic::{Adam, Agent, PolicyStep};
 use learner_kit::{ActorCritic, CriticReport, Update, plugin_error, take_batch};
 use shield_api::{Batch, Host, Result};
 
@@ -27,14 +27,15 @@ impl Update for Td3Update {
 
     fn new(config: &Td3Config) -> Self {
         Self {
-            actor_optimiser: Adam::new(config.actor_rate),
-            critic_optimiser: Adam::new(config.critic_rate),
+            actor_optimiser: Adam::new(config.actor_rate).with_decay(config.weight_decay),
+            critic_optimiser: Adam::new(config.critic_rate).with_decay(config.weight_decay),
             steps: vec![PolicyStep::default(); config.critics],
         }
     }
 
     fn learn(&mut self, config: &Td3Config, agent: &mut Agent, batch: &Batch<'_>, host: &Host) -> Result<()> {
         take_batch(&mut agent.body, batch, config.critics)?;
+        agent.begin_update();
         agent.choose_next_actions();
         let body = &mut agent.body;
         config.smooth(&mut body.buffers.next_actions, &mut body.rng);
@@ -50,15 +51,8 @@ impl Update for Td3Update {
             let PolicyStep { critic: step, action_gradients } = step;
             step.begin(batch.size, batch.masks, pair.index(), config.critics);
             // yᵢ = r + γ c min(Q'ᵢ₁, Q'ᵢ₂)(s', ã)
-            step.targets.fill(f32::INFINITY);
-            for twin in 0..2 {
-                let mut critic = pair.member(twin);
-                let next_values = critic.target_values(&buffers.next_observations, &buffers.next_actions);
-                step.targets
-                    .iter_mut()
-                    .zip(next_values)
-                    .for_each(|(least, value)| *least = smaller(*least, *value));
-            }
+            let (next_states, next_actions) = (&buffers.next_observations, &buffers.next_actions);
+            pair.smallest_target_values(next_states, next_actions, &mut step.targets);
             for (row, target) in step.targets.iter_mut().enumerate() {
                 *target = batch.rewards[row] + config.discount * batch.continuations[row] * *target;
             }

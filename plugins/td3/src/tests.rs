@@ -15,10 +15,13 @@ mod continuous;
 mod gradients;
 #[path = "../../../tests/learners/reference.rs"]
 mod reference;
+#[path = "../../../tests/learners/torch.rs"]
+mod torch;
 
 impl continuous::Continuous for Td3 {
     const MAGIC: &'static [u8] = Td3Config::MAGIC;
     const NETWORKS: usize = 2;
+    type Policy = ();
 
     fn plain() -> Settings {
         vec![("target_sigma", "0.0"), ("policy_delay", "1")]
@@ -132,4 +135,20 @@ fn target_noise_changes_what_is_learned_and_can_be_switched_off() {
 #[test]
 fn the_same_seed_learns_the_same_weights() {
     reference::the_same_seed_learns_the_same_weights::<Td3>();
+}
+
+#[test]
+fn twelve_updates_equal_those_of_torch() {
+    let plain = &[("action_layer", "0"), ("target_sigma", "0.0"), ("policy_delay", "1")];
+    torch::check::<Td3>("td3", plain, 0, |learner, _, given| learner.update(&given.batch).unwrap());
+    let regularised = &[
+        ("action_layer", "0"),
+        ("target_sigma", "0.0"),
+        ("policy_delay", "1"),
+        ("layer_norm", "true"),
+        ("weight_decay", "0.1"),
+    ];
+    torch::check::<Td3>("td3-regularised", regularised, 0, |learner, _, given| {
+        learner.update(&given.batch).unwrap();
+    });
 }

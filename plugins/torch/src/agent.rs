@@ -2,7 +2,9 @@
 
 use std::marker::PhantomData;
 
-use actor_critic::{Agent, AgentSettings, AgentState, Body, Ensemble, Loss, Valuation, check_finite_output};
+use actor_critic::{
+    Agent, AgentSettings, AgentState, Body, Ensemble, Loss, Regularisation, Valuation, check_finite_output,
+};
 use learner_kit::{Backend, CriticReport, plugin_error};
 use shield_api::{Batch, Error, Result, check_length};
 use tch::{Device, Kind, TchError, Tensor, no_grad};
@@ -65,6 +67,13 @@ pub struct Rows {
 impl<P: Precision> Backend for TorchAgent<P> {
     /// With the weights that `actor-critic` draws for the same settings.
     fn new(settings: AgentSettings<'_>) -> Result<Self> {
+        let Regularisation { layer_norm, dropout, .. } = settings.regularisation;
+        for (field, is_wanted) in [("layer_norm", layer_norm), ("dropout", dropout > 0.0)] {
+            if is_wanted {
+                let message = format!("there is no `{field}` on libtorch: leave it out, or use the learner without torch");
+                return Err(Error::invalid_config(message).in_field(field));
+            }
+        }
         let (observation_len, activation) = (settings.observation_len, settings.activation);
         let (members, networks_per_member) = (settings.members, settings.networks_per_member);
         let (actor_hidden, critic_hidden) = (settings.actor_hidden, settings.critic_hidden);

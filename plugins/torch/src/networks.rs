@@ -221,6 +221,12 @@ impl Networks {
                 }
                 None => gradient.shallow_clone(),
             };
+            if adam.weight_decay > 0.0 {
+                for layer in &self.shape.layers {
+                    let mut matrix = self.weights.f_narrow(1, layer.offset, layer.inputs * layer.outputs)?;
+                    matrix.f_mul_scalar_(1.0 - adam.rate * adam.weight_decay).map(drop)?;
+                }
+            }
             self.first.f_lerp_(&gradient, 1.0 - adam.beta1).map(drop)?;
             self.second.f_lerp_(&gradient.f_square()?, 1.0 - adam.beta2).map(drop)?;
             let size = self.second.f_sqrt()? * root + adam.epsilon;

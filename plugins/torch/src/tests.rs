@@ -30,6 +30,7 @@ macro_rules! learner_tests {
             impl continuous::Continuous for $learner {
                 const MAGIC: &'static [u8] = <<$learner as Plugin>::Config as AgentConfig>::MAGIC;
                 const NETWORKS: usize = $networks;
+                type Policy = ();
 
                 fn plain() -> Settings {
                     $plain
@@ -41,6 +42,10 @@ macro_rules! learner_tests {
 
                 fn own_impossible() -> Settings {
                     $impossible
+                }
+
+                fn own_refused() -> &'static [&'static str] {
+                    &["layer_norm", "dropout"]
                 }
 
                 fn network_value(&mut self, network: usize, observation: &[f32], action: &[f32]) -> f32 {

@@ -30,6 +30,7 @@ class Settings(TypedDict, total=False):
     episode_length: int | None
     calibration_resets: int | None
     updates_per_step: int | None
+    update_every: int | None
     seed: int | None
     threads: int | None
     overrides: Mapping[str, Any] | None
@@ -43,6 +44,7 @@ PATHS = {
     "episode_length": "episode_length",
     "calibration_resets": "calibration_resets",
     "updates_per_step": "experience.updates_per_step",
+    "update_every": "experience.update_every",
     "seed": "seed",
     "threads": "threads",
 }

@@ -151,6 +151,7 @@ class Shield:
       simulator 20 are cheap; on a robot each is a hard reset by a person. They are not counted. `ShieldedEnv` makes them; in a loop of your own you do, and tell of
       each by `observe_start`.
     - `updates_per_step`: how often the reset agent learns after each step; 0 is never.
+    - `update_every`: it learns after every n-th step (1) only; 4 makes a quarter of an update per step.
     - `seed`: of the shield's random numbers (0).
     - `threads`: how many the shield may use (1); what it decides does not depend on it.
     - `overrides`: any other field of the configuration by its path, as `{"reset.config.critics": 10}`; a string is RON.

@@ -128,6 +128,21 @@ fn each_step_makes_the_configured_number_of_updates() {
 }
 
 #[test]
+fn learning_follows_every_nth_step_only() {
+    for (update_every, updates_per_step, expected) in [(1, 1, 12), (2, 1, 6), (4, 1, 3), (3, 2, 8)] {
+        let mut scene = Scene::new(12);
+        scene.settings.cycle.update_every = update_every;
+        scene.settings.cycle.updates_per_step = updates_per_step;
+        let forward = Scripted::acting(|_, _| 1.0);
+        let (by_forward, by_reset) = (forward.seen.clone(), scene.reset.as_ref().unwrap().seen.clone());
+        scene.forward = forward_learner(forward);
+        scene.run();
+        let updates = by_forward.lock().unwrap().len() + by_reset.lock().unwrap().len();
+        assert_eq!(updates, expected, "every {update_every}");
+    }
+}
+
+#[test]
 fn bootstrap_masks_reach_the_learner() {
     let masks = |probability| {
         let mut scene = Scene::new(400);

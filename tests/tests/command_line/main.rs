@@ -42,8 +42,10 @@ fn the_list_of_plugins_names_them() {
     assert!(output.status.success());
     let printed = text(&output.stdout);
     for part in [
+        "crossq",
         "ddpg",
         "ddqn",
+        "sac",
         "td3",
         "gridworld",
         "mujoco/cliff-cart",

@@ -2,7 +2,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
 use super::*;
-use crate::{Activation, Adam, Initialisation, Loss};
+use crate::{Activation, Adam, BatchRenorm, Initialisation, Loss, Regularisation};
 
 const OBSERVATION: usize = 3;
 const ACTION: usize = 2;
@@ -25,6 +25,14 @@ fn ensemble<T: Real>(architecture: Architecture, members: usize, threads: usize)
     .unwrap();
     for (weight, value) in ensemble.state.weights.iter_mut().zip(random(1_000_000, 8)) {
         *weight = T::from_f64(0.7 * value);
+    }
+    // Variances are positive.
+    let length = ensemble.architecture.parameter_len();
+    for member in ensemble.state.weights.chunks_exact_mut(length) {
+        for layer in ensemble.architecture.layers.iter().filter(|layer| layer.batch_renorm.is_some()) {
+            let [.., variance] = layer.batch_renorm();
+            member[variance].iter_mut().for_each(|value| *value = *value * *value + T::ONE);
+        }
     }
     ensemble
 }
@@ -57,7 +65,29 @@ fn assert_close(what: &str, found: &[f64], expected: &[f64]) {
     }
 }
 
-fn check_gradients(architecture: &Architecture, loss: Loss) {
+/// How a pass treats what is regularised.
+#[derive(Clone, Copy)]
+enum Treatment {
+    /// As outside an update.
+    Values,
+    /// Units are dropped.
+    Dropping,
+    /// By the statistics of the batch.
+    Batch,
+}
+
+/// A whole forward pass; those of one treatment drop the same units.
+fn forward(member: &mut Member<'_, f64>, observations: &[f64], actions: &[f64], treatment: Treatment) {
+    member.workspace.begin(matches!(treatment, Treatment::Dropping).then_some(3), 0);
+    if let Treatment::Batch = treatment {
+        member.learn(observations, actions);
+    } else {
+        member.observe(observations);
+        member.values(actions);
+    }
+}
+
+fn check_gradients(architecture: &Architecture, loss: Loss, treatment: Treatment) {
     let size = SIZE;
     let outputs = architecture.output_len();
     let observations = random(size * OBSERVATION, 1);
@@ -68,31 +98,38 @@ fn check_gradients(architecture: &Architecture, loss: Loss) {
     let mut ensemble: Ensemble<f64> = ensemble(architecture.clone(), 1, 1);
 
     let mut member = ensemble.member(0);
-    member.observe(&observations);
-    member.values(&actions);
+    forward(&mut member, &observations, &actions, treatment);
     let (values, gradients) = member.outputs();
     loss.evaluate(values, &targets, &masks, gradients);
     member.backward(&observations, &actions);
     let found = member.workspace.gradients[..architecture.parameter_len()].to_vec();
     let mut found_actions = vec![0.0; actions.len()];
     if architecture.action_len() > 0 {
-        member.values(&actions);
+        forward(&mut member, &observations, &actions, treatment);
         member.action_gradients(&mut found_actions);
     }
 
-    let value_of = |parameters: &[f64], actions: &[f64]| {
-        let mut workspace = Workspace::default();
-        architecture.trunk(parameters, &observations, &mut workspace);
-        architecture.head(parameters, actions, &mut workspace);
-        workspace.outputs(architecture).0.to_vec()
+    let mut moved =
+        Ensemble::<f64>::new(architecture.clone(), Initialisation::He, 1, 1, &mut Pcg64::seed_from_u64(0))
+            .unwrap();
+    let mut value_of = |parameters: &[f64], actions: &[f64]| {
+        moved.state.weights.copy_from_slice(parameters);
+        let mut member = moved.member(0);
+        forward(&mut member, &observations, actions, treatment);
+        member.outputs().0.to_vec()
     };
     let mut parameters = ensemble.state.weights.clone();
-    let expected = central_differences(&mut parameters, |parameters| {
+    let mut expected = central_differences(&mut parameters, |parameters| {
         let mut unused = vec![0.0; targets.len()];
         loss.evaluate(&value_of(parameters, &actions), &targets, &masks, &mut unused)
     });
+    // Running statistics are no weights.
+    for layer in architecture.layers.iter().filter(|layer| layer.batch_renorm.is_some()) {
+        layer.batch_renorm()[2..].iter().for_each(|range| expected[range.clone()].fill(0.0));
+    }
     assert_close("parameter", &found, &expected);
-    if architecture.action_len() > 0 {
+    // The mean over a batch that was brought to a given mean depends on no action.
+    if architecture.action_len() > 0 && !matches!(treatment, Treatment::Batch) {
         let expected =
             central_differences(&mut actions, |actions| value_of(&parameters, actions).iter().sum());
         assert_close("action", &found_actions, &expected);
@@ -101,21 +138,104 @@ fn check_gradients(architecture: &Architecture, loss: Loss) {
 
 #[test]
 fn the_backward_pass_equals_finite_differences() {
+    let plain = (Regularisation::default(), Treatment::Values);
     for activation in [Activation::Tanh, Activation::Relu] {
         for loss in [Loss::Squared, Loss::Huber] {
             for hidden in [&[7, 6][..], &[5], &[4, 6, 5]] {
-                for action_layer in [0, 1, 2] {
-                    let critic = Architecture::critic(OBSERVATION, ACTION, hidden, action_layer, activation);
-                    check_gradients(&critic.unwrap(), loss);
-                }
-                check_gradients(&Architecture::actor(OBSERVATION, ACTION, hidden, activation).unwrap(), loss);
-                check_gradients(
-                    &Architecture::action_values(OBSERVATION, 4, hidden, activation).unwrap(),
-                    loss,
-                );
+                check_networks(hidden, activation, loss, plain);
             }
         }
     }
+}
+
+#[test]
+fn the_backward_pass_through_normalisations_and_dropout_equals_finite_differences() {
+    let renormed = Regularisation { batch_renorm: Some(RENORM), ..Regularisation::default() };
+    let all = Regularisation { layer_norm: true, dropout: 0.3, batch_renorm: Some(RENORM) };
+    let treated = [
+        (Regularisation { layer_norm: true, ..Regularisation::default() }, Treatment::Values),
+        (Regularisation { dropout: 0.3, ..Regularisation::default() }, Treatment::Dropping),
+        (Regularisation { layer_norm: true, dropout: 0.3, batch_renorm: None }, Treatment::Dropping),
+        (renormed, Treatment::Values),
+        (renormed, Treatment::Batch),
+        (all, Treatment::Batch),
+    ];
+    for treated in treated {
+        for activation in [Activation::Tanh, Activation::Relu] {
+            check_networks(&[7, 6], activation, Loss::Squared, treated);
+        }
+    }
+}
+
+/// Batches are never warm here: what r and d are counted as constants for, finite differences see.
+const RENORM: BatchRenorm = BatchRenorm { momentum: 0.99, warm_up: u64::MAX };
+
+/// Critics in which the action enters everywhere, an actor, and values of discrete actions.
+fn check_networks(
+    hidden: &[usize],
+    activation: Activation,
+    loss: Loss,
+    (regularisation, treatment): (Regularisation, Treatment),
+) {
+    for action_layer in [0, 1, 2] {
+        let critic = Architecture::critic(OBSERVATION, ACTION, hidden, action_layer, activation).unwrap();
+        check_gradients(&critic.regularised(regularisation), loss, treatment);
+    }
+    let actor = Architecture::actor(OBSERVATION, ACTION, hidden, activation).unwrap();
+    check_gradients(&actor.regularised(regularisation), loss, treatment);
+    let values = Architecture::action_values(OBSERVATION, 4, hidden, activation).unwrap();
+    check_gradients(&values.regularised(regularisation), loss, treatment);
+}
+
+#[test]
+fn a_regularised_network_keeps_its_values_in_half_precision_and_drops_units_in_updates_only() {
+    let regularisation = Regularisation { layer_norm: true, dropout: 0.5, batch_renorm: Some(RENORM) };
+    let shape = Architecture::critic(OBSERVATION, ACTION, &[40, 30], 1, Activation::Relu).unwrap();
+    let mut networks: Ensemble<f32> = ensemble(shape.regularised(regularisation), 3, 1);
+    networks.keep_halves();
+    let (observation, action) = ([0.1, 0.2, 0.3], [0.4, 0.5]);
+    let values = |networks: &mut Ensemble<f32>| {
+        let mut values = [9.0; 3];
+        networks.for_each_member(&mut values, |member, value| {
+            member.observe(&observation);
+            *value = member.values(&action)[0];
+        });
+        values
+    };
+    let exact = values(&mut networks);
+    networks.begin_update(&mut Pcg64::seed_from_u64(1));
+    assert_ne!(values(&mut networks), exact, "units are dropped in an update");
+    let mut halves = [9.0; 3];
+    networks.value_in_half(&observation, &action, &mut halves);
+    for (half, exact) in halves.iter().zip(exact) {
+        assert!((half - exact).abs() < 5e-3 * exact.abs().max(1.0), "{half} against {exact}");
+    }
+    networks.count_step();
+    assert_eq!(values(&mut networks), exact);
+}
+
+#[test]
+fn kept_passes_are_used_together() {
+    let mut networks: Ensemble<f32> = critic(&[40, 30], Activation::Tanh, 4, 2);
+    let train = |networks: &mut Ensemble<f32>, both_first: bool| {
+        let mut pairs = [[0.0; 2]; 2];
+        networks.for_each_group(2, &mut pairs, |pair, values| {
+            if both_first {
+                (0..2).for_each(|twin| drop(pair.member(twin).learn(&[0.1, 0.2, 0.3], &[0.4, 0.5]).len()));
+            }
+            for (twin, value) in values.iter_mut().enumerate() {
+                let mut member = pair.member(twin);
+                if !both_first {
+                    member.learn(&[0.1, 0.2, 0.3], &[0.4, 0.5]);
+                }
+                *value = member.outputs().0[0];
+            }
+        });
+        pairs
+    };
+    let expected = train(&mut networks, false);
+    networks.keep_passes(2);
+    assert_eq!(train(&mut networks, true), expected);
 }
 
 /// Three updates with everything an update may contain; returns the state and the values of one (s, a).

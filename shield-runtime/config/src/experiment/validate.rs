@@ -231,6 +231,11 @@ fn experience(settings: &ExperienceConfig) -> Checked {
         "experience.batch",
         format!("a batch of {batch} does not fit into a capacity of {capacity}"),
     )?;
+    ensure(
+        settings.update_every > 0,
+        "experience.update_every",
+        "every n-th step needs an n of at least 1; `updates_per_step: 0` learns nothing",
+    )?;
     let shares = [("failure_share", settings.failure_share), ("success_share", settings.success_share)];
     for (field, share) in shares {
         let message = format!("{share} is not a share between 0 and 1");

@@ -36,10 +36,12 @@ pub struct CycleSettings {
     pub endings: Endings,
     /// Who learns after a step.
     pub updates: Updates,
-    /// Updates after each step.
+    /// Updates after each step after which anything is learned.
     pub updates_per_step: usize,
     /// The same of the reset agent and the success critic alone; `None`: as many as the others.
     pub reset_updates_per_step: Option<usize>,
+    /// Learning follows every n-th step only; 0 counts as 1.
+    pub update_every: u64,
     /// A factor to the costs of hard resets.
     pub hard_reset_cost: f64,
     /// How much of a hard reset's cost the reset agent loses in the reward of the step before it.
@@ -66,6 +68,7 @@ impl Default for CycleSettings {
             updates: Updates::default(),
             updates_per_step: 1,
             reset_updates_per_step: None,
+            update_every: 1,
             hard_reset_cost: 1.0,
             cost_weight: 0.0,
         }

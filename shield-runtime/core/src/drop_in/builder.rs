@@ -24,6 +24,8 @@ pub struct Learning {
     pub batch: usize,
     /// Updates after each step of which it learns.
     pub updates_per_step: usize,
+    /// It learns after every n-th step only; 0 counts as 1.
+    pub update_every: u64,
     /// Whether it learns from every step, or from its own only.
     pub updates: Updates,
     /// How attempts end for its values.
@@ -37,8 +39,9 @@ pub struct Learning {
 impl Learning {
     /// One update after every step, with the usual endings.
     pub fn new(experience: Experience, batch: usize, seed: u64) -> Self {
-        let (updates_per_step, updates, endings) = (1, Updates::Both, Endings::default());
-        Self { experience, batch, updates_per_step, updates, endings, cost_weight: 0.0, seed }
+        let (updates, endings) = (Updates::Both, Endings::default());
+        let (updates_per_step, update_every) = (1, 1);
+        Self { experience, batch, updates_per_step, update_every, updates, endings, cost_weight: 0.0, seed }
     }
 }
 
@@ -197,8 +200,9 @@ impl DropInBuilder {
                     "the success critic would learn nothing: make the experience `with_undo`",
                 ));
             }
-            let Learning { updates_per_step, updates, endings, cost_weight, .. } = learning;
-            settings = CycleSettings { updates_per_step, updates, endings, cost_weight, ..settings };
+            let Learning { updates_per_step, update_every, updates, endings, cost_weight, .. } = learning;
+            settings =
+                CycleSettings { updates_per_step, update_every, updates, endings, cost_weight, ..settings };
             settings.explores = true;
             (batch, seed) = (learning.batch, learning.seed);
             let masks = Pcg64::seed_from_u64(seed.wrapping_add(1));

@@ -15,10 +15,12 @@ pub struct ExperienceConfig {
     pub observations: Kept,
     /// Transitions per update. Lillicrap et al. 2015: 64.
     pub batch: usize,
-    /// Updates after each environment step, of each agent that learns.
+    /// Updates after each environment step after which anything is learned, of each agent that learns.
     pub updates_per_step: usize,
     /// The same of the reset agent and the success critic alone. `None`: as many as the others.
     pub reset_updates_per_step: Option<usize>,
+    /// Learning follows every n-th environment step only: 4 makes a quarter of an update per step.
+    pub update_every: u64,
     /// Who learns after a step.
     pub updates: Updates,
     /// Probability that an ensemble member learns from a transition (Osband et al. 2016); 1 gives every member everything.
@@ -48,6 +50,7 @@ impl Default for ExperienceConfig {
             batch: 64,
             updates_per_step: 1,
             reset_updates_per_step: None,
+            update_every: 1,
             updates: Updates::default(),
             bootstrap_probability: 1.0,
             on_reset_success: OnResetSuccess::default(),

@@ -109,6 +109,7 @@ pub fn cycle_settings(shield: &ShieldConfig, experience: &ExperienceConfig) -> C
         updates: experience.updates,
         updates_per_step: experience.updates_per_step,
         reset_updates_per_step: experience.reset_updates_per_step,
+        update_every: experience.update_every,
         cost_weight: experience.cost_weight,
         ..CycleSettings::default()
     }

@@ -172,6 +172,10 @@ fn invalid_values_are_refused_with_their_place() {
         "record: (decisions: 0, states_every: @5)",
         "states are kept with decisions, of which `decisions: 0` keeps none",
     );
+    check_field(
+        "experience: (update_every: @0)",
+        "every n-th step needs an n of at least 1; `updates_per_step: 0` learns nothing",
+    );
     check_field("experience: (batch: @0)", "a batch needs at least one transition");
     check_field("experience: (batch: @65, capacity: 64)", "a batch of 65 does not fit into a capacity of 64");
     for probability in ["0", "1.5", "-1", "NaN"] {

@@ -90,6 +90,7 @@ Experiment(
         batch: 64,
         updates_per_step: 1,
         reset_updates_per_step: None,
+        update_every: 1,
         updates: Active,
         bootstrap_probability: 1.0,
         on_reset_success: Bootstrap,
