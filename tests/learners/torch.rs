@@ -1,5 +1,6 @@
 //! Twelve updates of a learner, held against those of torch: `torch_reference.py` beside this file, whose formulas are repeated here.
 //! Included as `conformance.rs` is.
+#![allow(dead_code, reason = "noise is for stochastic policies")]
 
 use std::collections::BTreeMap;
 

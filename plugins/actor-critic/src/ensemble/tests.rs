@@ -221,7 +221,9 @@ fn kept_passes_are_used_together() {
         let mut pairs = [[0.0; 2]; 2];
         networks.for_each_group(2, &mut pairs, |pair, values| {
             if both_first {
-                (0..2).for_each(|twin| drop(pair.member(twin).learn(&[0.1, 0.2, 0.3], &[0.4, 0.5]).len()));
+                for twin in 0..2 {
+                    pair.member(twin).learn(&[0.1, 0.2, 0.3], &[0.4, 0.5]);
+                }
             }
             for (twin, value) in values.iter_mut().enumerate() {
                 let mut member = pair.member(twin);
