@@ -69,14 +69,14 @@ fn fill(weights: &mut [f32], first_seed: u64, layers: &[(usize, usize, usize)]) 
 }
 
 /// Repeats the case `name`, in which the action enters a critic at layer `join`, with `update`, and returns the learner and what else torch found.
-pub fn check<L: Continuous>(
+pub fn check<L>(
     name: &str,
     own: &[(&'static str, &'static str)],
     join: usize,
     mut update: impl FnMut(&mut L, &L::Config, &Given<'_>),
 ) -> (L, Reference)
 where
-    L: Subject,
+    L: Continuous + Subject,
 {
     let mut all: BTreeMap<String, Reference> =
         serde_json::from_str(include_str!("torch_reference.json")).unwrap();

@@ -12,8 +12,9 @@ import numpy as np
 from ._core import Examination, written_at
 from ._chain import time_limit
 from ._env import ShieldedEnv
+from ._meaning import NO_MEANING, Meaning
 from ._settings import Settings, overrides, overrides_of_first_rule, refuse_unknown
-from ._shield import NO_MEANING, PLUGINS, Meaning
+from ._shield import PLUGINS
 from ._spaces import Observations, actions
 
 if TYPE_CHECKING:

@@ -12,9 +12,10 @@ import numpy as np
 from gymnasium.utils import RecordConstructorArgs, seeding
 
 from ._chain import SIMULATED_STARTS, Simulation, five, is_simulated, refuse_misfits, warn_of_drift, without_time_limits
+from ._meaning import told
 from ._report import figures_of, text_of
 from ._settings import Settings
-from ._shield import Decision, Shield, ShieldWarning, told
+from ._shield import Decision, Shield, ShieldWarning
 from ._spaces import owned
 
 if TYPE_CHECKING:
