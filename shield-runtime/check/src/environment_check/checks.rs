@@ -366,11 +366,18 @@ pub fn leaves_no_memory(live: &dyn Fn() -> Result<(), String>) -> Finding {
     let cycle = |count: u64| (0..count).try_for_each(|_| live());
     // What is kept once and for all, and the allocator's reserves, are there after these.
     cycle(INSTANCES / 5)?;
-    let Some(before) = resident_bytes() else {
-        return Ok(Skipped("this system does not tell how much memory a process has".into()));
-    };
-    cycle(INSTANCES)?;
-    let grown = resident_bytes().unwrap_or(before).saturating_sub(before);
+    let mut grown = 0;
+    // A leak shows in every round; pages that the system hands out at another moment do so in one.
+    for _ in 0..2 {
+        let Some(before) = resident_bytes() else {
+            return Ok(Skipped("this system does not tell how much memory a process has".into()));
+        };
+        cycle(INSTANCES)?;
+        grown = resident_bytes().unwrap_or(before).saturating_sub(before);
+        if grown <= INSTANCES * ALLOWED {
+            break;
+        }
+    }
     ensure(grown <= INSTANCES * ALLOWED, || {
         format!("{} bytes stay behind for each of {INSTANCES} instances", grown / INSTANCES)
     })?;
