@@ -70,7 +70,9 @@ impl<P: Precision> Backend for TorchAgent<P> {
         let Regularisation { layer_norm, dropout, .. } = settings.regularisation;
         for (field, is_wanted) in [("layer_norm", layer_norm), ("dropout", dropout > 0.0)] {
             if is_wanted {
-                let message = format!("there is no `{field}` on libtorch: leave it out, or use the learner without torch");
+                let message = format!(
+                    "there is no `{field}` on libtorch: leave it out, or use the learner without torch"
+                );
                 return Err(Error::invalid_config(message).in_field(field));
             }
         }

@@ -45,8 +45,14 @@ impl<P: Precision> Update for DdpgUpdate<P> {
         let (ascent, norm) = agent.actor_gradient(&leaves, &rows)?;
         drop(leaves);
         let (clip, tau) = (config.gradient_clip, config.tau);
-        agent.critics.step(&gradient, clip, &Adam::new(config.critic_rate).with_decay(config.weight_decay), tau).map_err(failed)?;
-        agent.actor.step(&ascent, clip, &Adam::new(config.actor_rate).with_decay(config.weight_decay), tau).map_err(failed)?;
+        agent
+            .critics
+            .step(&gradient, clip, &Adam::new(config.critic_rate).with_decay(config.weight_decay), tau)
+            .map_err(failed)?;
+        agent
+            .actor
+            .step(&ascent, clip, &Adam::new(config.actor_rate).with_decay(config.weight_decay), tau)
+            .map_err(failed)?;
         report.send(host);
         host.metric("actor_gradient_norm", norm);
         Ok(())

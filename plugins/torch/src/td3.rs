@@ -53,11 +53,17 @@ impl<P: Precision> Update for Td3Update<P> {
         let (clip, tau) = (config.gradient_clip, if actor_learns { config.tau } else { 0.0 });
         if actor_learns {
             let (ascent, norm) = agent.actor_gradient(&leaves, &rows)?;
-            agent.actor.step(&ascent, clip, &Adam::new(config.actor_rate).with_decay(config.weight_decay), tau).map_err(failed)?;
+            agent
+                .actor
+                .step(&ascent, clip, &Adam::new(config.actor_rate).with_decay(config.weight_decay), tau)
+                .map_err(failed)?;
             host.metric("actor_gradient_norm", norm);
         }
         drop(leaves);
-        agent.critics.step(&gradient, clip, &Adam::new(config.critic_rate).with_decay(config.weight_decay), tau).map_err(failed)?;
+        agent
+            .critics
+            .step(&gradient, clip, &Adam::new(config.critic_rate).with_decay(config.weight_decay), tau)
+            .map_err(failed)?;
         report.send(host);
         Ok(())
     }
