@@ -149,12 +149,16 @@ impl Collection {
             Ok((experiment, path.exists().then(|| Record::read(&path)).transpose()?))
         };
         let records: Vec<Recorded> = self.experiments.iter().map(read).collect::<Result<_>>()?;
-        let path = root.join(self.folder).join("RESULTS.md");
-        fs::write(&path, (self.page)(root, &records)?)
-            .with_context(|| format!("{} cannot be written", path.display()))?;
-        say(format_args!("{}/RESULTS.md", self.folder));
-        Ok(())
+        write_results(root, self.folder, &(self.page)(root, &records)?)
     }
+}
+
+/// Writes the page of a folder, and says so.
+fn write_results(root: &Path, folder: &str, page: &str) -> Result<()> {
+    let path = root.join(folder).join("RESULTS.md");
+    fs::write(&path, page).with_context(|| format!("{} cannot be written", path.display()))?;
+    say(format_args!("{folder}/RESULTS.md"));
+    Ok(())
 }
 
 /// Where everything of one experiment is.

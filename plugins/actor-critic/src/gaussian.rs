@@ -207,11 +207,13 @@ impl SoftAgent {
     }
 
     /// A step of log α down −log α (mean log π(a|s) + `target_entropy`), with the batch's actions. That is the gradient of Stable-Baselines3
-    /// and SBX; the paper's is α times as long, which Adam hardly sees.
+    /// and SBX; the paper's is α times as long, which Adam hardly sees. Without a target, the entropy aims at minus the number of an action's
+    /// values (Haarnoja et al. 2018b).
     ///
     /// # Errors
     /// [`Error::GradientNotFinite`]; nothing has changed then.
-    pub fn adjust_temperature(&mut self, target_entropy: f32, optimiser: &Adam) -> Result<(), Error> {
+    pub fn adjust_temperature(&mut self, target_entropy: Option<f32>, optimiser: &Adam) -> Result<(), Error> {
+        let target_entropy = target_entropy.unwrap_or(-(self.body.scale.len() as f32));
         let Gaussian { temperature, now, .. } = &mut self.policy;
         let mean = now.log_probabilities.iter().sum::<f32>() / now.log_probabilities.len() as f32;
         let gradient = -(mean + target_entropy);

@@ -2,7 +2,7 @@
 
 use actor_critic::{
     Activation, AgentSettings, BatchRenorm, Initialisation, Loss, Regularisation, Valuation, check_below_one,
-    check_finite_setting, check_not_negative, check_positive, check_share,
+    check_positive, check_share,
 };
 
 shield_api::config! {
@@ -66,9 +66,7 @@ shield_api::config! {
 crate::settings::describe_agent!(CrossqConfig, "CrossQ", magic: b"shield/crossq/1\n", networks_per_member: 2, also_check: |config| {
     check_below_one("beta1", config.beta1)?;
     check_share("renorm_momentum", config.renorm_momentum)?;
-    check_not_negative("temperature_rate", config.temperature_rate)?;
-    check_positive("initial_temperature", config.initial_temperature)?;
-    check_finite_setting("target_entropy", config.target_entropy.unwrap_or(0.0))?;
+    config.check_temperature()?;
     check_positive("policy_delay", config.policy_delay as f64)
 }, exploration: |config, settings| {
     let batch_renorm = Some(BatchRenorm { momentum: config.renorm_momentum, warm_up: config.renorm_warm_up });
@@ -76,9 +74,4 @@ crate::settings::describe_agent!(CrossqConfig, "CrossQ", magic: b"shield/crossq/
     AgentSettings { regularisation, initial_temperature: config.initial_temperature, ..settings }
 });
 
-impl CrossqConfig {
-    /// The entropy that the temperature aims at, for actions of so many values.
-    pub fn entropy_target(&self, action_len: usize) -> f32 {
-        self.target_entropy.unwrap_or(-(action_len as f32))
-    }
-}
+crate::settings::describe_temperature!(CrossqConfig);

@@ -1,8 +1,6 @@
 //! The configuration of SAC.
 
-use actor_critic::{
-    Activation, Initialisation, Loss, Valuation, check_finite_setting, check_not_negative, check_positive,
-};
+use actor_critic::{Activation, Initialisation, Loss, Valuation, check_positive};
 
 use crate::settings::check_tau;
 
@@ -62,17 +60,10 @@ shield_api::config! {
 
 crate::settings::describe_agent!(SacConfig, "SAC", magic: b"shield/sac/1\n", networks_per_member: 2, also_check: |config| {
     check_tau(config.tau)?;
-    check_not_negative("temperature_rate", config.temperature_rate)?;
-    check_positive("initial_temperature", config.initial_temperature)?;
-    check_finite_setting("target_entropy", config.target_entropy.unwrap_or(0.0))?;
+    config.check_temperature()?;
     check_positive("policy_delay", config.policy_delay as f64)
 }, exploration: |config, settings| {
     actor_critic::AgentSettings { initial_temperature: config.initial_temperature, ..settings }
 });
 
-impl SacConfig {
-    /// The entropy that the temperature aims at, for actions of so many values.
-    pub fn entropy_target(&self, action_len: usize) -> f32 {
-        self.target_entropy.unwrap_or(-(action_len as f32))
-    }
-}
+crate::settings::describe_temperature!(SacConfig);

@@ -117,4 +117,18 @@ macro_rules! describe_noise {
     };
 }
 
-pub(crate) use {describe_agent, describe_noise};
+/// A learned temperature: the check of its settings.
+macro_rules! describe_temperature {
+    ($config:ty) => {
+        impl $config {
+            fn check_temperature(&self) -> Result<(), actor_critic::Error> {
+                use actor_critic::{check_finite_setting, check_not_negative, check_positive};
+                check_not_negative("temperature_rate", self.temperature_rate)?;
+                check_positive("initial_temperature", self.initial_temperature)?;
+                check_finite_setting("target_entropy", self.target_entropy.unwrap_or(0.0))
+            }
+        }
+    };
+}
+
+pub(crate) use {describe_agent, describe_noise, describe_temperature};

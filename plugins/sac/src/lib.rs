@@ -100,8 +100,8 @@ impl SacUpdate {
             // The actor descends α log π − mean of the pairs' smaller values, over the batch.
             let ascended = agent.ascend(&self.steps, &self.actor_optimiser, clip);
             host.metric("actor_gradient_norm", f64::from(ascended.map_err(plugin_error)?));
-            let target_entropy = config.entropy_target(action_len);
-            agent.adjust_temperature(target_entropy, &self.temperature_optimiser).map_err(plugin_error)?;
+            let adjusted = agent.adjust_temperature(config.target_entropy, &self.temperature_optimiser);
+            adjusted.map_err(plugin_error)?;
             host.metric("entropy", agent.entropy());
             host.metric("temperature", f64::from(agent.policy.temperature()));
         }

@@ -3,14 +3,12 @@
 mod page;
 mod record;
 
-use std::fs;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
 use anyhow::{Context, Result};
 
 use self::record::Record;
-use crate::say::say;
 
 /// Stands for all of them on the command line.
 pub const NAME: &str = "gymnasium";
@@ -65,11 +63,7 @@ pub fn write_page(root: &Path) -> Result<()> {
         Ok((environment, path.exists().then(|| Record::read(&path)).transpose()?))
     };
     let records = ENVIRONMENTS.into_iter().map(read).collect::<Result<Vec<_>>>()?;
-    let path = root.join(FOLDER).join("RESULTS.md");
-    fs::write(&path, page::page(&records))
-        .with_context(|| format!("{} cannot be written", path.display()))?;
-    say(format_args!("{FOLDER}/RESULTS.md"));
-    Ok(())
+    super::write_results(root, FOLDER, &page::page(&records))
 }
 
 fn path_of(environment: &str) -> PathBuf {

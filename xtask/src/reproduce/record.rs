@@ -104,6 +104,11 @@ impl Variant {
         Spread::around(self.figures(figure))
     }
 
+    /// The median alone.
+    pub fn median(&self, figure: impl Fn(&Summary) -> Option<f64>) -> Option<f64> {
+        self.range(figure).map(Spread::median)
+    }
+
     fn figures(&self, figure: impl Fn(&Summary) -> Option<f64>) -> Vec<f64> {
         self.runs.iter().filter_map(|run| figure(&run.summary)).collect()
     }

@@ -147,8 +147,7 @@ pub fn page(root: &Path, records: &[Recorded]) -> Result<String> {
 
 /// Whether the median realised risk is within reach of the accepted one; `None` where there is none.
 fn is_within_risk(variant: &Variant) -> Option<bool> {
-    let median = |figure: Figure| variant.range(figure).map(Spread::median);
-    Some(median(realised_risk)? <= median(accepted_risk)? + RISK_MARGIN)
+    Some(variant.median(realised_risk)? <= variant.median(accepted_risk)? + RISK_MARGIN)
 }
 
 fn line(cells: impl Iterator<Item = String>) -> String {
@@ -204,13 +203,12 @@ impl<'a> Comparison<'a> {
     }
 
     fn median(&self, figure: Figure) -> Option<f64> {
-        self.spreads(figure)[0].map(Spread::median)
+        self.shielded?.median(figure)
     }
 
     /// With the shield and without it, where both were measured.
     fn medians(&self, figure: Figure) -> Option<[f64; 2]> {
-        let [ours, theirs] = self.spreads(figure);
-        Some([ours?.median(), theirs?.median()])
+        Some([self.median(figure)?, self.status_quo?.median(figure)?])
     }
 }
 

@@ -52,7 +52,7 @@ pub struct Experiment {
     /// Replaces the environment's own reset reward and reset set.
     #[serde(default)]
     pub reset_task: Option<PluginChoice>,
-    /// So many further starts are shown to the reset task before the first step. They are hard resets that nobody counts.
+    /// How many further starts are shown to the reset task before the first step. They are not counted as hard resets.
     #[serde(default)]
     pub calibration_resets: u32,
     /// The transitions that both agents share, and what they learn from them.

@@ -55,7 +55,8 @@ impl DropInFile {
         let memory = workshop.memory(learned, members, success.as_ref(), &spaces)?;
         let sampler = workshop.generator(Stream::ResetBatches);
         let reset = Agent::new(AgentRole::Reset, reset, learned.batch, &spaces, sampler);
-        let learns = learned.reset_updates_per_step.unwrap_or(learned.updates_per_step) > 0;
+        let settings = cycle_settings(&config.shield, learned);
+        let learns = settings.reset_updates() > 0;
         let parts = CycleParts {
             forward: None,
             reset: Some(reset),
@@ -69,7 +70,7 @@ impl DropInFile {
             values_attempts: false,
             stores_forward: false,
             hard_reset_cost: config.hard_reset_cost,
-            ..cycle_settings(&config.shield, learned)
+            ..settings
         };
         let lengths = [spaces.observation_len(), spaces.action_len()];
         DropIn::new(ResetCycle::new(settings, parts, lengths), task)

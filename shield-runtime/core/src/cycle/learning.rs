@@ -91,12 +91,11 @@ impl ResetCycle {
     }
 
     fn learn(&mut self) -> Result<()> {
-        let CycleSettings { updates, updates_per_step, reset_updates_per_step, update_every, .. } =
-            self.settings;
+        let CycleSettings { updates, updates_per_step, update_every, .. } = self.settings;
         if !self.counters.steps.is_multiple_of(update_every.max(1)) {
             return Ok(());
         }
-        let reset_updates = reset_updates_per_step.unwrap_or(updates_per_step);
+        let reset_updates = self.settings.reset_updates();
         let learns = |role| self.turn == role || updates == Updates::Both;
         let CycleParts { forward, reset, success, memory: Some(Memory { experience, .. }), .. } =
             &mut self.parts

@@ -48,6 +48,13 @@ pub struct CycleSettings {
     pub cost_weight: f32,
 }
 
+impl CycleSettings {
+    /// Updates of the reset agent and the success critic after each step.
+    pub fn reset_updates(&self) -> usize {
+        self.reset_updates_per_step.unwrap_or(self.updates_per_step)
+    }
+}
+
 impl Default for CycleSettings {
     fn default() -> Self {
         Self {

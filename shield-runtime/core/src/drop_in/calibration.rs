@@ -5,7 +5,7 @@ use shield_api::{Error, Result, check_finite};
 use super::DropIn;
 
 impl DropIn {
-    /// Asks whoever resets the environment to show the reset task so many further starts before the first step.
+    /// Asks the caller to show the reset task this many further starts before the first step.
     ///
     /// # Errors
     /// There is no reset task.

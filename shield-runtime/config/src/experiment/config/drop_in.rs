@@ -20,7 +20,7 @@ pub struct DropInConfig {
     /// What "undone" means. `None`: the caller says so at every step.
     #[serde(default)]
     pub reset_task: Option<PluginChoice>,
-    /// So many further starts are shown to the reset task before the first step, by whoever resets the environment. Nobody counts them.
+    /// How many further starts the caller shows to the reset task before the first step. They are not counted as hard resets.
     #[serde(default)]
     pub calibration_resets: u32,
     /// What the reset agent learns from.
